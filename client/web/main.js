@@ -1,0 +1,340 @@
+// @ts-check
+// Ties the stream, the picture and the panel together.
+
+/** @import { Camera, Command, Hello, Numbers, SceneSummary, Status } from "./types.js" */
+
+import { FollowingSlider, NumberBoard, duration, element, readable } from "./panel.js";
+import { ServerError, SkyStream, listScenes, request } from "./stream.js";
+import { QUALITIES, SkyView, compassPoint } from "./view.js";
+
+const MAX_FPS = 8;
+/** The worlds that this tab made outlive a reload of it, so that they can still be cleared away. */
+const OWN_WORLD_KEY = "welkin.own-world";
+
+/** @type {Hello | null} */
+let hello = null;
+/** @type {Numbers | null} */
+let numbers = null;
+/** @type {number | null} simulated seconds of spin-up, where the server says so */
+let spinUp_s = null;
+/** @type {SceneSummary[]} */
+let scenes = [];
+let quality = 1;
+let creating = false;
+
+const board = new NumberBoard();
+const banner = element("banner", HTMLDivElement);
+const notice = element("notice", HTMLDivElement);
+const noticeText = element("notice-text", HTMLSpanElement);
+const pauseButton = element("pause", HTMLButtonElement);
+const sceneSelect = element("scene", HTMLSelectElement);
+const qualitySelect = element("quality", HTMLSelectElement);
+const look = element("look", HTMLParagraphElement);
+
+const view = new SkyView(element("sky", HTMLCanvasElement), askForFrames, cameraShown);
+const stream = new SkyStream({ hello: onHello, tick: onTick, frame: (f) => view.show(f), error: showNotice, status: onStatus });
+
+/** @type {ReturnType<typeof setTimeout> | undefined} */
+let noticeTimer;
+
+/** @param {string} message */
+function showNotice(message) {
+  noticeText.textContent = message;
+  notice.hidden = false;
+  clearTimeout(noticeTimer);
+  noticeTimer = setTimeout(() => (notice.hidden = true), 12_000);
+}
+
+element("notice-close", HTMLButtonElement).addEventListener("click", () => (notice.hidden = true));
+
+/** @param {Status} status */
+function onStatus(status) {
+  document.body.dataset.connection = status.state;
+  if (status.state === "live") {
+    banner.hidden = true;
+  } else if (status.state === "lost") {
+    const seconds = `Connection lost — trying again in ${status.retry_s} s`;
+    const text = `${seconds} (${status.why})`;
+    if (banner.textContent !== text) {
+      banner.textContent = text;
+    }
+    banner.hidden = false;
+  } else if (!banner.hidden) {
+    banner.textContent = "Connection lost — trying again now";
+  }
+}
+
+/** @param {Hello} message */
+function onHello(message) {
+  const another = hello === null || hello.world !== message.world || hello.scene !== message.scene;
+  hello = message;
+  element("scene-name", HTMLParagraphElement).textContent = message.scene;
+  document.title = `${message.scene} · Welkin`;
+  const km = message.cells.map((n, axis) => readable((n * message.cell_size_m[axis]) / 1000, 2));
+  element("about", HTMLParagraphElement).textContent =
+    `World ${message.world}: ${message.cells.join(" × ")} cells, ${km.join(" × ")} km. Server ${message.server}.`;
+  if (another) {
+    board.clear();
+    spinUp_s = null;
+    view.setCamera(message.camera);
+    void learnSpinUp(message.world);
+  }
+  askForFrames();
+  void fillScenes();
+}
+
+/** @param {string} world */
+async function learnSpinUp(world) {
+  try {
+    const state = await request("GET", `/v1/worlds/${encodeURIComponent(world)}`);
+    const seconds = state?.scene?.time?.spin_up_s;
+    if (typeof seconds === "number" && hello?.world === world) {
+      spinUp_s = seconds;
+    }
+  } catch {
+    // The progress then counts minutes without saying of how many.
+  }
+}
+
+/** @param {Numbers} now */
+function onTick(now) {
+  numbers = now;
+  board.update(now);
+  element("utc", HTMLSpanElement).textContent = now.utc.replace("T", " ").replace(/(\.\d+)?Z$/, " UTC");
+  pauseButton.textContent = now.paused ? "Resume" : "Pause";
+  pauseButton.setAttribute("aria-pressed", String(now.paused));
+  timeScale.follow(Math.log10(now.time_scale));
+  sunElevation.follow(now.sun_elevation_deg);
+  sunAzimuth.follow(now.sun_azimuth_deg);
+  const box = element("spin-up", HTMLDivElement);
+  box.hidden = !now.spinning_up;
+  if (now.spinning_up) {
+    const grown_min = Math.floor(now.simulated_s / 60);
+    const text = element("spin-up-text", HTMLParagraphElement);
+    const bar = element("spin-up-bar", HTMLProgressElement);
+    if (spinUp_s === null) {
+      text.textContent = `the sky is being grown: ${duration(now.simulated_s)} so far`;
+      bar.removeAttribute("value");
+    } else {
+      text.textContent = `the sky is being grown: ${grown_min} of ${Math.round(spinUp_s / 60)} min`;
+      bar.value = Math.min(1, now.simulated_s / spinUp_s);
+    }
+  }
+  const parts = [now.paused ? "paused" : `${readable(now.speed, 2)} × real time`];
+  if (now.cloud_cover !== null && now.cloud_cover !== undefined) {
+    parts.push(`${readable(100 * now.cloud_cover, 2)} % cloud`);
+  }
+  element("panel-summary", HTMLSpanElement).textContent = parts.join(" · ");
+}
+
+function askForFrames() {
+  if (document.hidden || view.camera === null) {
+    return;
+  }
+  const [width, height] = view.frameSize(quality);
+  stream.send({ type: "frames", width, height, format: "jpeg", max_fps: MAX_FPS, camera: view.camera });
+}
+
+/** @param {Camera} camera */
+function cameraShown(camera) {
+  const up = camera.elevation_deg;
+  const height = camera.position_m[2];
+  look.textContent =
+    `${compassPoint(camera.azimuth_deg)} ${camera.azimuth_deg.toFixed(0)}°, ` +
+    `${Math.abs(up).toFixed(0)}° ${up < 0 ? "down" : "up"}, ${height.toFixed(0)} m above ground`;
+  fov.follow(camera.vertical_fov_deg);
+}
+
+/** @param {Command} command */
+function command(command) {
+  if (!stream.send({ type: "command", command })) {
+    showNotice("Not connected: nothing was changed.");
+  }
+}
+
+const timeScale = new FollowingSlider(
+  "time-scale",
+  (v) => `${readable(10 ** v, 2)} ×`,
+  (v) => command({ command: "time_scale", time_scale: Number((10 ** v).toPrecision(3)) }),
+);
+
+function sunByHand() {
+  // Both sliders belong to one command: hold both.
+  sunElevation.heldUntilMs = sunAzimuth.heldUntilMs = performance.now() + 1_500;
+  command({
+    command: "sun",
+    sun: { from: "fixed", elevation_deg: sunElevation.input.valueAsNumber, azimuth_deg: sunAzimuth.input.valueAsNumber },
+  });
+}
+
+const sunElevation = new FollowingSlider("sun-elevation", (v) => `${v.toFixed(1)}°`, sunByHand);
+const sunAzimuth = new FollowingSlider("sun-azimuth", (v) => `${compassPoint(v)} ${v.toFixed(0)}°`, sunByHand);
+const fov = new FollowingSlider(
+  "fov",
+  (v) => `${v.toFixed(0)}°`,
+  (v) => {
+    if (view.camera !== null) {
+      view.setCamera({ ...view.camera, vertical_fov_deg: v });
+    }
+  },
+);
+
+element("sun-clock", HTMLButtonElement).addEventListener("click", () => {
+  sunElevation.release();
+  sunAzimuth.release();
+  command({ command: "sun", sun: { from: "clock" } });
+});
+
+pauseButton.addEventListener("click", () => command({ command: numbers?.paused ? "resume" : "pause" }));
+
+/**
+ * The named places of the camera; the sideways place and the angle of view stay the scene's.
+ * @param {string} place
+ * @returns {Camera | null}
+ */
+function cameraAt(place) {
+  if (hello === null) {
+    return null;
+  }
+  const scene = hello.camera;
+  const [x, y] = scene.position_m;
+  const azimuth_deg = view.camera?.azimuth_deg ?? scene.azimuth_deg;
+  const top_m = numbers?.cloud_top_m ?? 0.6 * hello.cells[2] * hello.cell_size_m[2];
+  switch (place) {
+    case "ground":
+      return { ...scene, position_m: [x, y, 2], azimuth_deg, elevation_deg: 20 };
+    case "aloft":
+      return { ...scene, position_m: [x, y, 500], azimuth_deg, elevation_deg: 10 };
+    case "above":
+      return { ...scene, position_m: [x, y, top_m + 800], azimuth_deg, elevation_deg: -30 };
+    case "up":
+      return { ...scene, position_m: [x, y, 2], azimuth_deg, elevation_deg: 90, vertical_fov_deg: 90 };
+    default:
+      return scene;
+  }
+}
+
+for (const button of document.querySelectorAll("button[data-place]")) {
+  button.addEventListener("click", () => {
+    const camera = cameraAt(/** @type {HTMLButtonElement} */ (button).dataset.place ?? "scene");
+    if (camera !== null) {
+      fov.release();
+      view.setCamera(camera);
+    }
+  });
+}
+
+QUALITIES.forEach(([width, height], index) => qualitySelect.add(new Option(`${width} × ${height}`, String(index))));
+qualitySelect.value = String(quality);
+qualitySelect.addEventListener("change", () => {
+  quality = Number(qualitySelect.value);
+  askForFrames();
+});
+
+async function fillScenes() {
+  if (scenes.length > 0) {
+    return;
+  }
+  try {
+    scenes = await listScenes();
+    for (const scene of scenes) {
+      const option = new Option(scene.name, scene.name);
+      option.title = scene.description;
+      sceneSelect.add(option);
+    }
+  } catch (error) {
+    showNotice(`The list of scenes could not be read: ${error instanceof Error ? error.message : error}`);
+  }
+}
+
+/**
+ * Makes a world and goes there; then the one that this tab made before is no longer needed.
+ * @param {string} preset
+ */
+async function createWorld(preset) {
+  let own = sessionStorage.getItem(OWN_WORLD_KEY);
+  const make = () => request("POST", "/v1/worlds", { preset });
+  const drop = async () => {
+    if (own !== null) {
+      const old = own;
+      own = null;
+      sessionStorage.removeItem(OWN_WORLD_KEY);
+      // Gone already is as good; any other trouble is the server's to log.
+      await request("DELETE", `/v1/worlds/${encodeURIComponent(old)}`).catch(() => null);
+    }
+  };
+  let made;
+  try {
+    made = await make();
+  } catch (error) {
+    if (!(error instanceof ServerError) || error.code !== "too_many_worlds" || own === null) {
+      throw error;
+    }
+    // This tab's own world takes the last place: give that up for the new one.
+    await drop();
+    made = await make();
+  }
+  stream.open(made.id);
+  await drop();
+  sessionStorage.setItem(OWN_WORLD_KEY, made.id);
+}
+
+sceneSelect.addEventListener("change", async () => {
+  const preset = sceneSelect.value;
+  const hint = element("scene-description", HTMLParagraphElement);
+  hint.textContent = scenes.find((scene) => scene.name === preset)?.description ?? "";
+  if (preset === "" || creating) {
+    return;
+  }
+  creating = true;
+  sceneSelect.disabled = true;
+  try {
+    await createWorld(preset);
+  } catch (error) {
+    const full = error instanceof ServerError && error.code === "too_many_worlds";
+    const why = error instanceof Error ? error.message : String(error);
+    showNotice(
+      full
+        ? `The server runs as many worlds as it may, so “${preset}” was not started. Try again when one has ended. (${why})`
+        : `“${preset}” could not be started: ${why}`,
+    );
+    sceneSelect.value = "";
+  } finally {
+    creating = false;
+    sceneSelect.disabled = false;
+  }
+});
+
+const toggle = element("panel-toggle", HTMLButtonElement);
+/** @param {boolean} open */
+function setPanel(open) {
+  toggle.setAttribute("aria-expanded", String(open));
+  element("panel-body", HTMLDivElement).hidden = !open;
+}
+toggle.addEventListener("click", () => setPanel(toggle.getAttribute("aria-expanded") !== "true"));
+// On a phone the sky comes first.
+setPanel(innerWidth > 640);
+
+document.addEventListener("visibilitychange", () => {
+  if (document.hidden) {
+    stream.send({ type: "no_frames" });
+  } else {
+    askForFrames();
+  }
+});
+
+let upright = innerWidth < innerHeight;
+addEventListener("resize", () => {
+  if (upright !== innerWidth < innerHeight) {
+    upright = !upright;
+    askForFrames();
+  }
+});
+
+setInterval(() => {
+  const dropped = view.dropped > 0 ? `, ${view.dropped} overtaken` : "";
+  board.frames.textContent = `${view.framesPerSecond.toFixed(1)} /s`;
+  board.frames.title = `${view.canvas.width} × ${view.canvas.height}${dropped}`;
+}, 1000);
+
+stream.open(new URLSearchParams(location.search).get("world") ?? sessionStorage.getItem(OWN_WORLD_KEY));

@@ -1,0 +1,342 @@
+//! A scene: everything that is needed to start a world, as one versioned JSON document.
+//!
+//! An effect is a block under `effects`: present, it is simulated; absent, it is neither compiled into the plan nor
+//! allocated nor run.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::camera::Camera;
+
+/// The scene format this build reads and writes.
+pub const SCENE_VERSION: u32 = 1;
+
+/// A piecewise-linear profile: `[height_m, value]` pairs by rising height; constant beyond its ends.
+pub type Profile = Vec<[f64; 2]>;
+
+/// A whole scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Scene {
+    /// Format version; this build knows version 1.
+    pub version: u32,
+    /// Short name, shown in lists.
+    pub name: String,
+    /// One line on what the scene shows.
+    #[serde(default)]
+    pub description: String,
+    /// Seed of every random number in the scene: the same scene with the same seed gives the same bits.
+    #[serde(default)]
+    pub seed: u32,
+    /// The box of air that is simulated, and where on Earth it stands.
+    pub domain: Domain,
+    /// Clock.
+    pub time: Time,
+    /// The air at the start and the reference state of the anelastic equations.
+    pub base_state: BaseState,
+    /// What is simulated and drawn.
+    #[serde(default)]
+    pub effects: Effects,
+    /// Where the sun's place comes from.
+    #[serde(default)]
+    pub sun: Sun,
+    /// The default point of view.
+    pub camera: Camera,
+}
+
+/// The simulated box: periodic in x and y, rigid ground and lid.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Domain {
+    /// Number of cells east, north and up.
+    pub cells: [u32; 3],
+    /// Size of a cell east, north and up, in metres.
+    pub cell_size_m: [f64; 3],
+    /// Degrees north.
+    pub latitude_deg: f64,
+    /// Degrees east.
+    pub longitude_deg: f64,
+    /// Height of the ground above mean sea level, metres.
+    #[serde(default)]
+    pub surface_altitude_m: f64,
+}
+
+/// The scene's clock.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Time {
+    /// Date and time at simulated second 0, RFC 3339 in UTC, such as `2026-06-21T16:00:00Z`.
+    pub start_utc: String,
+    /// Simulated seconds in a tick; a tick is cut into as many substeps as stability asks for.
+    pub tick_s: f64,
+    /// Simulated seconds a wall second once the spin-up is over.
+    pub time_scale: f64,
+    /// Simulated seconds at the start that run as fast as the device can, so that viewers soon see clouds.
+    #[serde(default)]
+    pub spin_up_s: f64,
+}
+
+/// The air at the start.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum BaseState {
+    /// A table of levels by rising height, linear between.
+    Profile {
+        /// Pressure at the ground, Pa.
+        surface_pressure_pa: f64,
+        /// At least two levels.
+        levels: Vec<ProfileLevel>,
+    },
+    /// A radiosonde ascent as text, in the SPC (`%RAW%`) or the University of Wyoming form.
+    Sounding {
+        /// The file's text.
+        text: String,
+    },
+    /// Neutrally stratified air: one potential temperature everywhere, no water.
+    Isentropic {
+        /// Pressure at the ground, Pa.
+        surface_pressure_pa: f64,
+        /// Potential temperature, K.
+        potential_temperature_k: f64,
+        /// Wind towards the east, m/s.
+        #[serde(default)]
+        wind_x_m_s: f64,
+        /// Wind towards the north, m/s.
+        #[serde(default)]
+        wind_y_m_s: f64,
+    },
+    /// Air of constant Brunt-Vaisala frequency and constant relative humidity.
+    ConstantStability {
+        /// Pressure at the ground, Pa.
+        surface_pressure_pa: f64,
+        /// Potential temperature at the ground, K.
+        surface_potential_temperature_k: f64,
+        /// Brunt-Vaisala frequency N, 1/s; 0.01 is usual for the troposphere.
+        buoyancy_frequency_per_s: f64,
+        /// Relative humidity over water, 0 to 1.
+        relative_humidity: f64,
+        /// Wind towards the east, m/s.
+        #[serde(default)]
+        wind_x_m_s: f64,
+        /// Wind towards the north, m/s.
+        #[serde(default)]
+        wind_y_m_s: f64,
+    },
+    /// The sounding of Weisman and Klemp (1982) for deep convection.
+    WeismanKlemp {
+        /// Pressure at the ground, Pa.
+        surface_pressure_pa: f64,
+        /// Cap on the water vapour mixing ratio near the ground, kg/kg; 0.014 in the paper.
+        mixing_ratio_cap_kg_per_kg: f64,
+        /// Wind towards the east at 6 km and above, m/s; below it falls linearly to 0 at the ground.
+        #[serde(default)]
+        wind_shear_m_s: f64,
+    },
+}
+
+/// One level of a profile table.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ProfileLevel {
+    /// Height above the ground, m.
+    pub height_m: f64,
+    /// Liquid-water potential temperature, K.
+    pub liquid_water_potential_temperature_k: f64,
+    /// Total water (vapour and liquid), kg/kg.
+    pub total_water_kg_per_kg: f64,
+    /// Wind towards the east, m/s.
+    pub wind_x_m_s: f64,
+    /// Wind towards the north, m/s.
+    pub wind_y_m_s: f64,
+}
+
+/// What is simulated and drawn: each block present or absent.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Effects {
+    /// The wind is a fluid: momentum is advected and kept free of divergence. Absent, nothing moves.
+    pub flow: Option<Flow>,
+    /// Heat is carried and lifts air. Needs `flow`.
+    pub heat: Option<Heat>,
+    /// Water is carried and condenses to cloud. Needs `heat`.
+    pub moisture: Option<Moisture>,
+    /// Eddies smaller than a cell mix (Smagorinsky-Lilly). Needs `flow`.
+    pub turbulence: Option<Turbulence>,
+    /// Heat and moisture from the ground, and its drag. Needs `flow`.
+    pub surface: Option<Surface>,
+    /// Earth's rotation acting on the difference to a geostrophic wind. Needs `flow`.
+    pub coriolis: Option<Coriolis>,
+    /// What larger weather does to the box: subsidence, radiation, drying. Needs `heat`.
+    pub large_scale: Option<LargeScale>,
+    /// A layer under the lid that damps waves. Needs `flow`.
+    pub sponge: Option<Sponge>,
+    /// Small random perturbations at the start. Needs `heat`.
+    pub noise: Option<Noise>,
+    /// A warm (or cold) bubble at the start. Needs `heat`.
+    pub bubble: Option<Bubble>,
+    /// Detail finer than a cell on the drawn cloud, from noise that moves with the air. Needs `moisture`.
+    pub cloud_detail: Option<CloudDetail>,
+    /// Light scattered more than once inside cloud. Needs `moisture`.
+    pub multiple_scattering: Option<MultipleScattering>,
+    /// Clouds' shadows on the ground. Needs `moisture`.
+    pub cloud_shadow: Option<CloudShadow>,
+    /// Haze between the viewer and the cloud.
+    pub aerial_perspective: Option<AerialPerspective>,
+}
+
+/// See [`Effects::flow`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Flow {
+    /// Largest Courant number of a substep (sum over the three directions); 1.0 suits the third-order Runge-Kutta.
+    pub courant_max: f64,
+}
+
+/// See [`Effects::heat`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Heat {}
+
+/// See [`Effects::moisture`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Moisture {
+    /// Cloud droplets in a cubic metre; 1e8 over sea, 4e8 inland. Sets the droplets' effective radius, and so the cloud's extinction.
+    pub droplet_number_per_m3: f64,
+}
+
+/// See [`Effects::turbulence`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Turbulence {
+    /// Smagorinsky's coefficient; 0.1 to 0.25.
+    pub smagorinsky_coefficient: f64,
+    /// Eddy viscosity over eddy diffusivity; about 1/3.
+    pub turbulent_prandtl_number: f64,
+}
+
+/// See [`Effects::surface`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Surface {
+    /// Kinematic flux of potential temperature, K m/s; positive warms the air.
+    pub heat_flux_k_m_s: f64,
+    /// Kinematic flux of water, kg/kg m/s; positive moistens the air.
+    pub moisture_flux_m_s: f64,
+    /// Friction velocity, m/s.
+    pub friction_velocity_m_s: f64,
+}
+
+/// See [`Effects::coriolis`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Coriolis {
+    /// Coriolis parameter, 1/s; absent, it is taken from the domain's latitude.
+    #[serde(default)]
+    pub parameter_per_s: Option<f64>,
+    /// Geostrophic wind towards the east by height, m/s; absent, the base state's wind.
+    #[serde(default)]
+    pub geostrophic_wind_x_m_s: Option<Profile>,
+    /// Geostrophic wind towards the north by height, m/s; absent, the base state's wind.
+    #[serde(default)]
+    pub geostrophic_wind_y_m_s: Option<Profile>,
+}
+
+/// See [`Effects::large_scale`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LargeScale {
+    /// Large-scale vertical wind by height, m/s; negative sinks.
+    #[serde(default)]
+    pub vertical_wind_m_s: Profile,
+    /// Radiative tendency of potential temperature by height, K/s; negative cools.
+    #[serde(default)]
+    pub heating_k_per_s: Profile,
+    /// Tendency of total water by height, 1/s (kg/kg a second).
+    #[serde(default)]
+    pub moistening_per_s: Profile,
+}
+
+/// See [`Effects::sponge`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Sponge {
+    /// Depth below the lid, m.
+    pub depth_m: f64,
+    /// Rate of damping at the lid, 1/s; it falls to 0 at the sponge's bottom.
+    pub rate_per_s: f64,
+}
+
+/// See [`Effects::noise`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Noise {
+    /// Noise is put into the cells below this height, m.
+    pub depth_m: f64,
+    /// Half-width of the uniform noise in potential temperature, K.
+    pub potential_temperature_k: f64,
+    /// Half-width of the uniform noise in total water, kg/kg.
+    pub total_water_kg_per_kg: f64,
+}
+
+/// See [`Effects::bubble`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Bubble {
+    /// Centre, m.
+    pub centre_m: [f64; 3],
+    /// Half-axes, m.
+    pub radius_m: [f64; 3],
+    /// Potential temperature added at the centre, K; falls off as cos2 of the distance. Negative for a cold bubble.
+    pub potential_temperature_k: f64,
+    /// Total water added at the centre, kg/kg, with the same fall-off.
+    #[serde(default)]
+    pub total_water_kg_per_kg: f64,
+}
+
+/// See [`Effects::cloud_detail`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CloudDetail {
+    /// 0 leaves the grid's cloud as it is; 1 carves its edge most.
+    pub strength: f64,
+    /// Size of the largest detail, m; about two cells.
+    pub scale_m: f64,
+}
+
+/// See [`Effects::multiple_scattering`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MultipleScattering {
+    /// Octaves of scattering after the first, 1 to 8.
+    pub octaves: u32,
+}
+
+/// See [`Effects::cloud_shadow`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CloudShadow {}
+
+/// See [`Effects::aerial_perspective`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct AerialPerspective {
+    /// Horizontal visibility near the ground, m (Koschmieder, 5 % contrast is 3.0 over the extinction).
+    pub visibility_m: f64,
+}
+
+/// Where the sun's place comes from.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "from", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Sun {
+    /// From the scene's clock, latitude and longitude.
+    #[default]
+    Clock,
+    /// Fixed in the sky.
+    Fixed {
+        /// Degrees above the horizon.
+        elevation_deg: f64,
+        /// Degrees clockwise from north.
+        azimuth_deg: f64,
+    },
+}

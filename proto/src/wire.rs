@@ -1,0 +1,403 @@
+//! What goes over HTTP and WebSocket while a world runs.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::camera::Camera;
+use crate::scene::Sun;
+
+/// Version of the stream protocol; the server says it in [`ServerMessage::Hello`].
+pub const PROTOCOL_VERSION: u32 = 1;
+
+/// A world's numbers after a tick.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Numbers {
+    /// Ticks since the start.
+    pub tick: u64,
+    /// Simulated seconds since the start.
+    pub simulated_s: f64,
+    /// Simulated date and time, RFC 3339.
+    pub utc: String,
+    /// Wall milliseconds that the last tick took to compute.
+    pub tick_ms: f64,
+    /// Wall milliseconds that the last frame took to render, of any viewer; absent before the first.
+    pub frame_ms: Option<f64>,
+    /// Substeps in the last tick.
+    pub substeps: u32,
+    /// Length of a substep, s.
+    pub substep_s: f64,
+    /// Simulated seconds a wall second, measured over the last seconds.
+    pub speed: f64,
+    /// Simulated seconds a wall second that were asked for.
+    pub time_scale: f64,
+    /// Whether the clock stands.
+    pub paused: bool,
+    /// Whether the spin-up is still running.
+    pub spinning_up: bool,
+    /// Share of columns that hold cloud, 0 to 1; absent where the scene has no moisture.
+    pub cloud_cover: Option<f64>,
+    /// Height of the lowest cloudy cell's bottom, m; absent without cloud.
+    pub cloud_base_m: Option<f64>,
+    /// Height of the highest cloudy cell's top, m; absent without cloud.
+    pub cloud_top_m: Option<f64>,
+    /// Horizontal mean of the cloud water path, kg/m2.
+    pub liquid_water_path_kg_m2: Option<f64>,
+    /// Horizontal mean of all water in the column, kg/m2.
+    pub total_water_path_kg_m2: Option<f64>,
+    /// Largest updraught, m/s.
+    pub updraught_max_m_s: f64,
+    /// Largest horizontal wind component, m/s.
+    pub wind_max_m_s: f64,
+    /// Courant number of the last substep, summed over the directions.
+    pub courant: f64,
+    /// Largest divergence of the mass flux over the density, 1/s, after the projection.
+    pub divergence_max_per_s: f64,
+    /// Sun's height above the horizon, degrees.
+    pub sun_elevation_deg: f64,
+    /// Sun's azimuth, degrees clockwise from north.
+    pub sun_azimuth_deg: f64,
+}
+
+/// What an operator can tell a world to do (`POST /v1/worlds/{id}/commands`, or over the stream).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "command", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Command {
+    /// Stop the clock.
+    Pause,
+    /// Let the clock go on.
+    Resume,
+    /// Simulated seconds a wall second.
+    TimeScale {
+        /// 0.01 to 1000.
+        time_scale: f64,
+    },
+    /// Place the sun by hand, or give it back to the clock.
+    Sun {
+        /// The new source.
+        sun: Sun,
+    },
+    /// Add a uniform wind to the whole box at once: a gust front arrives, a mean flow turns.
+    Wind {
+        /// Added towards the east, m/s.
+        add_x_m_s: f64,
+        /// Added towards the north, m/s.
+        add_y_m_s: f64,
+    },
+}
+
+/// How a frame's bytes are coded.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum FrameFormat {
+    /// Small, lossy.
+    #[default]
+    Jpeg,
+    /// Lossless.
+    Png,
+    /// Lossless, smaller, slower.
+    Webp,
+}
+
+/// What a client may send over `/v1/worlds/{id}/stream`, as text.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum ClientMessage {
+    /// Ask for frames; sent again it replaces the earlier wish (a camera that moves).
+    Frames {
+        /// Pixels across.
+        width: u32,
+        /// Pixels down.
+        height: u32,
+        /// Coding.
+        #[serde(default)]
+        format: FrameFormat,
+        /// At most this many frames a wall second.
+        max_fps: f64,
+        /// Point of view; absent, the scene's.
+        #[serde(default)]
+        camera: Option<Camera>,
+    },
+    /// No more frames.
+    NoFrames,
+    /// A command to the world.
+    Command {
+        /// What to do.
+        command: Command,
+    },
+}
+
+/// What the server sends over the stream, as text. Frames are binary, see [`FrameHeader`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "type", rename_all = "snake_case")]
+#[allow(clippy::large_enum_variant)] // one a tick and viewer: a box would only hide the fields
+pub enum ServerMessage {
+    /// The first message.
+    Hello {
+        /// [`PROTOCOL_VERSION`].
+        protocol: u32,
+        /// The server's version.
+        server: String,
+        /// The world's id.
+        world: String,
+        /// The scene's name.
+        scene: String,
+        /// Cells east, north, up.
+        cells: [u32; 3],
+        /// Cell sizes, m.
+        cell_size_m: [f64; 3],
+        /// The scene's camera.
+        camera: Camera,
+    },
+    /// After a tick (the newest; a slow client misses some).
+    Tick {
+        /// The numbers.
+        numbers: Numbers,
+    },
+    /// Something that the client sent was refused; the stream goes on.
+    Error {
+        /// What and why.
+        error: crate::error::ApiError,
+    },
+}
+
+/// The 48 bytes before a frame's coded image, little endian.
+///
+/// | bytes | what |
+/// |---|---|
+/// | 0..4 | `WLKF` |
+/// | 4..6 | header version, u16, 1 |
+/// | 6..8 | format, u16: 1 JPEG, 2 PNG, 3 WebP |
+/// | 8..12 | width, u32 |
+/// | 12..16 | height, u32 |
+/// | 16..24 | tick, u64 |
+/// | 24..32 | simulated seconds, f64 |
+/// | 32..36 | milliseconds to render, f32 |
+/// | 36..40 | milliseconds to encode, f32 |
+/// | 40..44 | sequence number of this stream's frames, u32 |
+/// | 44..48 | length of the image that follows, u32 |
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrameHeader {
+    /// Coding of the image.
+    pub format: FrameFormat,
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Tick that is shown.
+    pub tick: u64,
+    /// Simulated second that is shown.
+    pub simulated_s: f64,
+    /// Wall milliseconds to render.
+    pub render_ms: f32,
+    /// Wall milliseconds to encode.
+    pub encode_ms: f32,
+    /// Counts this stream's frames from 0.
+    pub sequence: u32,
+    /// Bytes of the image.
+    pub image_bytes: u32,
+}
+
+/// One world in a list.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct WorldSummary {
+    /// Names it in URLs.
+    pub id: String,
+    /// The scene's name.
+    pub scene: String,
+    /// Cells east, north, up.
+    pub cells: [u32; 3],
+    /// `cpu`, or the adapter's name.
+    pub device: String,
+    /// Its numbers.
+    pub numbers: Numbers,
+}
+
+/// How to make a world (`POST /v1/worlds`): exactly one of the two.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CreateWorld {
+    /// A preset's name.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub preset: Option<String>,
+    /// A whole scene.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scene: Option<crate::scene::Scene>,
+}
+
+/// A picture of a scene of its own (`POST /v1/render`).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RenderRequest {
+    /// A preset's name; exactly one of `preset` and `scene`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub preset: Option<String>,
+    /// A whole scene; exactly one of `preset` and `scene`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scene: Option<crate::scene::Scene>,
+    /// Simulated seconds to run before the picture is taken.
+    #[serde(default)]
+    pub simulated_s: f64,
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Coding.
+    #[serde(default)]
+    pub format: FrameFormat,
+    /// Point of view; absent, the scene's.
+    #[serde(default)]
+    pub camera: Option<Camera>,
+}
+
+/// The plan of a world: what runs, why, and what it costs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct PlanReport {
+    /// The device that runs it.
+    pub device: String,
+    /// In the order in which they run.
+    pub passes: Vec<PassReport>,
+    /// What is allocated.
+    pub fields: Vec<FieldReport>,
+    /// Sum of the fields' bytes.
+    pub bytes: u64,
+}
+
+/// A pass of the plan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct PassReport {
+    /// The stage's name in the catalogue.
+    pub stage: String,
+    /// When in a tick it runs: `start`, `step`, `stage` (three times a substep), `end`, `publish`, `view`.
+    pub phase: String,
+    /// Which effect or output asks for it.
+    pub why: String,
+    /// Fields it reads.
+    pub reads: Vec<String>,
+    /// Fields it writes.
+    pub writes: Vec<String>,
+    /// Mean wall milliseconds of one run; absent before the first.
+    pub mean_ms: Option<f64>,
+    /// Runs so far.
+    pub runs: u64,
+}
+
+/// A field of the plan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct FieldReport {
+    /// Name in the catalogue.
+    pub name: String,
+    /// Place on the grid: `centre`, `x_face`, `y_face`, `z_face`, `profile`.
+    pub place: String,
+    /// Unit.
+    pub unit: String,
+    /// Bytes allocated.
+    pub bytes: u64,
+}
+
+/// Bytes of a [`FrameHeader`].
+pub const FRAME_HEADER_BYTES: usize = 48;
+/// Version of the frame header that this build reads and writes.
+pub const FRAME_HEADER_VERSION: u16 = 1;
+/// Longest side of a frame, pixels.
+pub const FRAME_SIDE_MAX: u32 = 16_384;
+
+const FRAME_MAGIC: [u8; 4] = *b"WLKF";
+
+/// `N` bytes of a header from `from`; the header is longer than any such place.
+fn bytes_at<const N: usize>(header: &[u8; FRAME_HEADER_BYTES], from: usize) -> [u8; N] {
+    std::array::from_fn(|i| header[from + i])
+}
+
+impl FrameHeader {
+    /// The header's 48 bytes, as the table above says.
+    pub fn encode(&self) -> [u8; FRAME_HEADER_BYTES] {
+        let format: u16 = match self.format {
+            FrameFormat::Jpeg => 1,
+            FrameFormat::Png => 2,
+            FrameFormat::Webp => 3,
+        };
+        let mut bytes = [0; FRAME_HEADER_BYTES];
+        bytes[0..4].copy_from_slice(&FRAME_MAGIC);
+        bytes[4..6].copy_from_slice(&FRAME_HEADER_VERSION.to_le_bytes());
+        bytes[6..8].copy_from_slice(&format.to_le_bytes());
+        bytes[8..12].copy_from_slice(&self.width.to_le_bytes());
+        bytes[12..16].copy_from_slice(&self.height.to_le_bytes());
+        bytes[16..24].copy_from_slice(&self.tick.to_le_bytes());
+        bytes[24..32].copy_from_slice(&self.simulated_s.to_le_bytes());
+        bytes[32..36].copy_from_slice(&self.render_ms.to_le_bytes());
+        bytes[36..40].copy_from_slice(&self.encode_ms.to_le_bytes());
+        bytes[40..44].copy_from_slice(&self.sequence.to_le_bytes());
+        bytes[44..48].copy_from_slice(&self.image_bytes.to_le_bytes());
+        bytes
+    }
+
+    /// Reads a header and finds the image behind it, trusting nothing: `message` is one whole binary message.
+    ///
+    /// Errors, all with code `bad_frame`: too short, another magic or version, an unknown format, a side of 0 or above
+    /// [`FRAME_SIDE_MAX`], a time that is not finite or is negative, no image, or one shorter or longer than the header says.
+    pub fn decode(message: &[u8]) -> Result<(FrameHeader, &[u8]), crate::error::ApiError> {
+        let bad = |why: String| crate::error::ApiError::new("bad_frame", why);
+        let Some((header, image)) = message.split_first_chunk::<FRAME_HEADER_BYTES>() else {
+            let length = message.len();
+            return Err(bad(format!(
+                "{length} bytes are too few: a header has {FRAME_HEADER_BYTES}"
+            )));
+        };
+        if bytes_at::<4>(header, 0) != FRAME_MAGIC {
+            return Err(bad("a frame begins with `WLKF`".to_owned()));
+        }
+        let version = u16::from_le_bytes(bytes_at(header, 4));
+        if version != FRAME_HEADER_VERSION {
+            return Err(bad(format!(
+                "header version {version} is unknown; this build reads {FRAME_HEADER_VERSION}"
+            )));
+        }
+        let format = match u16::from_le_bytes(bytes_at(header, 6)) {
+            1 => FrameFormat::Jpeg,
+            2 => FrameFormat::Png,
+            3 => FrameFormat::Webp,
+            other => {
+                return Err(bad(format!(
+                    "format {other} is unknown; known are 1 JPEG, 2 PNG, 3 WebP"
+                )));
+            }
+        };
+        let decoded = FrameHeader {
+            format,
+            width: u32::from_le_bytes(bytes_at(header, 8)),
+            height: u32::from_le_bytes(bytes_at(header, 12)),
+            tick: u64::from_le_bytes(bytes_at(header, 16)),
+            simulated_s: f64::from_le_bytes(bytes_at(header, 24)),
+            render_ms: f32::from_le_bytes(bytes_at(header, 32)),
+            encode_ms: f32::from_le_bytes(bytes_at(header, 36)),
+            sequence: u32::from_le_bytes(bytes_at(header, 40)),
+            image_bytes: u32::from_le_bytes(bytes_at(header, 44)),
+        };
+        let FrameHeader {
+            width,
+            height,
+            image_bytes,
+            ..
+        } = decoded;
+        if !(1..=FRAME_SIDE_MAX).contains(&width) || !(1..=FRAME_SIDE_MAX).contains(&height) {
+            return Err(bad(format!(
+                "{width} x {height} pixels; a side has 1 to {FRAME_SIDE_MAX}"
+            )));
+        }
+        let times = [
+            decoded.simulated_s,
+            f64::from(decoded.render_ms),
+            f64::from(decoded.encode_ms),
+        ];
+        if let Some(time) = times.into_iter().find(|time| !time.is_finite() || *time < 0.0) {
+            return Err(bad(format!("a time of {time} is neither finite nor positive")));
+        }
+        if image.is_empty() || u64::from(image_bytes) != image.len() as u64 {
+            return Err(bad(format!(
+                "the header says {image_bytes} bytes of image, {} follow it",
+                image.len()
+            )));
+        }
+        Ok((decoded, image))
+    }
+}

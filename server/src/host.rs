@@ -1,0 +1,307 @@
+//! A world's life: one OS thread owns it, paces its ticks, takes commands and publishes what it made.
+//!
+//! Readers hold a `tokio::sync::watch` receiver of immutable [`Published`] values, so a slow reader sees the newest one
+//! when it comes back and never holds a tick up.
+
+pub mod renderer;
+
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use tokio::sync::watch;
+use welkin_proto::report::BaseStateReport;
+use welkin_proto::wire::{Command, WorldSummary};
+use welkin_proto::{ApiError, Scene, validate};
+
+use crate::world::{Snapshot, World};
+
+/// While the world runs as fast as it can, it publishes when this much wall time has gone by.
+const PUBLISH_EVERY: Duration = Duration::from_millis(150);
+/// The measured speed is a mean over this much wall time.
+const SPEED_WINDOW: Duration = Duration::from_secs(4);
+
+/// What a world shows of itself, immutable.
+#[derive(Clone)]
+pub struct Published {
+    /// Counts publications from 0. It rises where the tick may stand still, such as when the sun is moved while paused.
+    pub revision: u64,
+    /// When it was published.
+    pub at: Instant,
+    /// The world's state; its numbers have the host's part filled in.
+    pub snapshot: Snapshot,
+}
+
+/// What a viewer needs of a world; cheap to clone, and does not keep the world alive.
+#[derive(Clone)]
+pub struct View {
+    /// The world's id.
+    pub id: Arc<str>,
+    /// Its scene.
+    pub scene: Arc<Scene>,
+    /// The newest publication; closed once the world has stopped.
+    pub published: watch::Receiver<Arc<Published>>,
+    commands: mpsc::Sender<Order>,
+    frame_ms_bits: Arc<AtomicU64>,
+}
+
+impl View {
+    /// The newest publication.
+    pub fn newest(&self) -> Arc<Published> {
+        self.published.borrow().clone()
+    }
+
+    /// Whether the world's thread still runs.
+    pub fn is_running(&self) -> bool {
+        self.published.has_changed().is_ok()
+    }
+
+    /// Checks a command and hands it to the world's thread, which takes it before its next tick.
+    ///
+    /// Errors: `out_of_range` with a pointer into the command, `world_stopped`.
+    pub fn command(&self, command: Command) -> Result<(), ApiError> {
+        validate::command(&command)?;
+        self.commands.send(Order::Command(command)).map_err(|_| world_stopped())
+    }
+
+    /// Tells the world what its last frame took; shown in the next publication.
+    fn set_frame_ms(&self, frame_ms: f64) {
+        self.frame_ms_bits.store(frame_ms.to_bits(), Ordering::Relaxed);
+    }
+}
+
+/// A running world. Dropping it stops the thread and waits for it.
+pub struct Host {
+    view: View,
+    base_state: BaseStateReport,
+    thread: Mutex<Option<JoinHandle<()>>>,
+}
+
+enum Order {
+    Command(Command),
+    Stop,
+}
+
+impl Host {
+    /// Starts a world on a thread of its own and returns once its first state is published. Blocks meanwhile, so call it off
+    /// the async workers.
+    ///
+    /// Errors: those of [`World::new`]; `internal` where no thread can be started.
+    pub fn spawn(id: &str, scene: Scene, threads: Option<usize>) -> Result<Host, ApiError> {
+        let (commands, orders) = mpsc::channel();
+        let (ready, started) = mpsc::sync_channel(1);
+        let frame_ms_bits = Arc::new(AtomicU64::new(f64::NAN.to_bits()));
+        let frame_ms = frame_ms_bits.clone();
+        let name = id.to_owned();
+        let thread = std::thread::Builder::new()
+            .name(format!("world-{id}"))
+            .spawn(move || {
+                let world = match World::new(scene, threads) {
+                    Ok(world) => world,
+                    Err(error) => {
+                        let _ = ready.send(Err(error)); // the spawner waits for it and cannot be gone
+                        return;
+                    }
+                };
+                let base_state = world.base_state().report.clone();
+                let (mut runner, published) = Runner::new(world, frame_ms);
+                let scene = Arc::new(runner.world.scene().clone());
+                if ready.send(Ok((scene, base_state, published))).is_ok() {
+                    runner.run(&orders);
+                }
+                tracing::info!(world = name, "world stopped");
+            })
+            .map_err(|error| {
+                tracing::error!(%error, "cannot start a world's thread");
+                ApiError::new("internal", "the world could not be started")
+            })?;
+        let (scene, base_state, published) = match started.recv() {
+            Ok(Ok(parts)) => parts,
+            Ok(Err(error)) => return Err(error),
+            Err(_) => {
+                tracing::error!(world = id, "the world's thread died while it started");
+                return Err(ApiError::new("internal", "the world could not be started"));
+            }
+        };
+        let view = View { id: id.into(), scene, published, commands, frame_ms_bits };
+        Ok(Host { view, base_state, thread: Mutex::new(Some(thread)) })
+    }
+
+    /// What viewers get.
+    pub fn view(&self) -> &View {
+        &self.view
+    }
+
+    /// What the scene's base state came to: lifting condensation level, CAPE and so on.
+    pub fn base_state(&self) -> &BaseStateReport {
+        &self.base_state
+    }
+
+    /// One line on this world.
+    pub fn summary(&self) -> WorldSummary {
+        let newest = self.view.newest();
+        WorldSummary {
+            id: self.view.id.to_string(),
+            scene: self.view.scene.name.clone(),
+            cells: self.view.scene.domain.cells,
+            device: newest.snapshot.plan.device.clone(),
+            numbers: newest.snapshot.numbers.clone(),
+        }
+    }
+
+    /// Stops the thread and waits for it: at most one tick. Streams of this world end. Does nothing the second time.
+    pub fn shut_down(&self) {
+        let _ = self.view.commands.send(Order::Stop); // gone already is as good
+        let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if thread.is_some_and(|t| t.join().is_err()) {
+            tracing::error!(world = %self.view.id, "the world's thread panicked");
+        }
+    }
+}
+
+impl Drop for Host {
+    fn drop(&mut self) {
+        self.shut_down();
+    }
+}
+
+fn world_stopped() -> ApiError {
+    ApiError::new("world_stopped", "the world has stopped")
+}
+
+/// The thread's side: the world, its clock and what was measured of it.
+struct Runner {
+    world: World,
+    publisher: watch::Sender<Arc<Published>>,
+    revision: u64,
+    frame_ms_bits: Arc<AtomicU64>,
+    paused: bool,
+    time_scale: f64,
+    speed: SpeedMeter,
+}
+
+impl Runner {
+    fn new(world: World, frame_ms_bits: Arc<AtomicU64>) -> (Self, watch::Receiver<Arc<Published>>) {
+        let time_scale = world.scene().time.time_scale;
+        let first = Arc::new(Published { revision: 0, at: Instant::now(), snapshot: world.snapshot() });
+        let (publisher, published) = watch::channel(first);
+        let speed = SpeedMeter::default();
+        let mut runner = Self { world, publisher, revision: 0, frame_ms_bits, paused: false, time_scale, speed };
+        runner.publish();
+        (runner, published)
+    }
+
+    fn publish(&mut self) {
+        self.revision += 1;
+        let spinning_up = self.world.spinning_up();
+        let mut snapshot = self.world.snapshot();
+        let numbers = &mut snapshot.numbers;
+        let frame_ms = f64::from_bits(self.frame_ms_bits.load(Ordering::Relaxed));
+        numbers.frame_ms = frame_ms.is_finite().then_some(frame_ms);
+        numbers.paused = self.paused;
+        numbers.time_scale = self.time_scale;
+        numbers.spinning_up = spinning_up;
+        numbers.speed = if self.paused { 0.0 } else { self.speed.simulated_s_per_wall_s() };
+        self.publisher.send_replace(Arc::new(Published { revision: self.revision, at: Instant::now(), snapshot }));
+    }
+
+    /// Wall time that one tick should take; `None` runs flat out.
+    fn period(&self) -> Option<Duration> {
+        let period_s = self.world.scene().time.tick_s / self.time_scale;
+        if self.world.spinning_up() { None } else { Duration::try_from_secs_f64(period_s).ok() }
+    }
+
+    fn run(&mut self, orders: &mpsc::Receiver<Order>) {
+        self.speed.mark(self.world.simulated_s());
+        let mut tick_began: Option<Instant> = None;
+        loop {
+            // What a paused world waits for is the next order; a world that is ahead of its clock waits for whichever is first.
+            let wait = match (self.paused, tick_began, self.period()) {
+                (true, _, _) => None,
+                (false, Some(began), Some(period)) => Some(period.saturating_sub(began.elapsed())),
+                (false, _, _) => Some(Duration::ZERO),
+            };
+            let order = match wait {
+                None => orders.recv().map_err(|_| mpsc::RecvTimeoutError::Disconnected),
+                Some(Duration::ZERO) => orders.try_recv().map_err(|e| match e {
+                    mpsc::TryRecvError::Empty => mpsc::RecvTimeoutError::Timeout,
+                    mpsc::TryRecvError::Disconnected => mpsc::RecvTimeoutError::Disconnected,
+                }),
+                Some(wait) => orders.recv_timeout(wait),
+            };
+            match order {
+                Ok(Order::Stop) | Err(mpsc::RecvTimeoutError::Disconnected) => return,
+                Ok(Order::Command(command)) => {
+                    self.obey(command);
+                    self.publish();
+                }
+                Err(mpsc::RecvTimeoutError::Timeout) => {
+                    // Deadlines run from one tick's due time to the next, so that short oversleeping does not add up; a
+                    // tick that is late by more than a period starts a new count instead of being caught up with.
+                    let now = Instant::now();
+                    tick_began = Some(match (tick_began, self.period()) {
+                        (Some(began), Some(period)) if now < began + 2 * period => began + period,
+                        _ => now,
+                    });
+                    self.world.tick();
+                    let numbers = self.world.numbers();
+                    self.speed.mark(numbers.simulated_s);
+                    if !is_finite(&numbers) {
+                        tracing::error!(tick = numbers.tick, "the world's fields are no longer finite; it is stopped");
+                        return;
+                    }
+                    let age = self.publisher.borrow().at.elapsed();
+                    let flat_out = self.period().is_none_or(|period| period < PUBLISH_EVERY / 8);
+                    if !flat_out || age >= PUBLISH_EVERY {
+                        self.publish();
+                    }
+                }
+            }
+        }
+    }
+
+    fn obey(&mut self, command: Command) {
+        match command {
+            Command::Pause => self.paused = true,
+            Command::Resume if self.paused => {
+                self.paused = false;
+                self.speed = SpeedMeter::default();
+                self.speed.mark(self.world.simulated_s());
+            }
+            Command::Resume => {}
+            Command::TimeScale { time_scale } => self.time_scale = time_scale,
+            Command::Sun { sun } => self.world.set_sun(sun),
+            Command::Wind { add_x_m_s, add_y_m_s } => self.world.add_wind(add_x_m_s, add_y_m_s),
+        }
+    }
+}
+
+fn is_finite(numbers: &welkin_proto::wire::Numbers) -> bool {
+    numbers.updraught_max_m_s.is_finite() && numbers.wind_max_m_s.is_finite() && numbers.courant.is_finite()
+}
+
+/// Simulated seconds a wall second over the last [`SPEED_WINDOW`].
+#[derive(Default)]
+struct SpeedMeter {
+    marks: VecDeque<(Instant, f64)>,
+}
+
+impl SpeedMeter {
+    fn mark(&mut self, simulated_s: f64) {
+        let now = Instant::now();
+        self.marks.push_back((now, simulated_s));
+        // One mark older than the window stays, so that ticks longer than the window are measured too.
+        while self.marks.len() > 2 && self.marks.get(1).is_some_and(|m| now - m.0 > SPEED_WINDOW) {
+            self.marks.pop_front();
+        }
+    }
+
+    fn simulated_s_per_wall_s(&self) -> f64 {
+        match (self.marks.front(), self.marks.back()) {
+            (Some(first), Some(last)) if last.0 > first.0 => (last.1 - first.1) / (last.0 - first.0).as_secs_f64(),
+            _ => 0.0,
+        }
+    }
+}

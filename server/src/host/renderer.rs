@@ -1,0 +1,269 @@
+//! One thread renders for every viewer of every world.
+//!
+//! The queue is bounded by design: a viewer waits for its answer before it asks again, and asking again while it waits
+//! replaces what it asked for. Viewers who want the same picture share one, and a picture is taken of the newest state
+//! at the moment when its turn comes, not of the state when it was asked for.
+
+use std::collections::{HashMap, VecDeque};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Instant;
+
+use tokio::sync::oneshot;
+use welkin_proto::wire::FrameFormat;
+use welkin_proto::{ApiError, Camera};
+
+use super::View;
+use crate::picture::{self, Picture, Renderer};
+
+/// Pictures kept for viewers who ask for the one just made, in another coding or at the same tick.
+const PICTURES_KEPT: usize = 4;
+/// Coded frames kept.
+const FRAMES_KEPT: usize = 16;
+
+/// What a viewer wants to see.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameRequest {
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Coding.
+    pub format: FrameFormat,
+    /// Point of view.
+    pub camera: Camera,
+}
+
+/// A coded picture.
+#[derive(Debug)]
+pub struct Frame {
+    /// What was asked for.
+    pub request: FrameRequest,
+    /// The world's publication that is shown.
+    pub revision: u64,
+    /// The tick that is shown.
+    pub tick: u64,
+    /// The simulated second that is shown.
+    pub simulated_s: f64,
+    /// Wall milliseconds to render.
+    pub render_ms: f64,
+    /// Wall milliseconds to encode.
+    pub encode_ms: f64,
+    /// The coded image.
+    pub bytes: Vec<u8>,
+}
+
+/// The answer to come.
+pub struct Ticket {
+    job: u64,
+    /// Resolves to the frame; fails only if the service has stopped.
+    pub answer: oneshot::Receiver<Result<Arc<Frame>, ApiError>>,
+}
+
+/// See the module.
+pub struct RenderService {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+struct Shared {
+    queue: Mutex<Queue>,
+    wake: Condvar,
+}
+
+#[derive(Default)]
+struct Queue {
+    jobs: VecDeque<Job>,
+    next_job: u64,
+    forgotten: Vec<Arc<str>>,
+    stop: bool,
+}
+
+struct Job {
+    id: u64,
+    world: View,
+    request: FrameRequest,
+    waiters: Vec<oneshot::Sender<Result<Arc<Frame>, ApiError>>>,
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, Queue> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl RenderService {
+    /// Starts the render thread.
+    ///
+    /// Errors: those of the operating system.
+    pub fn start() -> std::io::Result<Self> {
+        let shared = Arc::new(Shared { queue: Mutex::new(Queue::default()), wake: Condvar::new() });
+        let theirs = shared.clone();
+        let thread = std::thread::Builder::new().name("render".into()).spawn(move || render_loop(&theirs))?;
+        Ok(Self { shared, thread: Some(thread) })
+    }
+
+    /// Queues a frame; one that is the same as a waiting one is shared with it.
+    ///
+    /// Errors: `busy` where `queued_max` frames wait already.
+    pub fn request(&self, world: &View, request: FrameRequest, queued_max: usize) -> Result<Ticket, ApiError> {
+        let (waiter, answer) = oneshot::channel();
+        let mut queue = self.shared.lock();
+        if let Some(job) = queue.jobs.iter_mut().find(|j| j.world.id == world.id && j.request == request) {
+            job.waiters.push(waiter);
+            return Ok(Ticket { job: job.id, answer });
+        }
+        if queue.jobs.len() >= queued_max {
+            return Err(ApiError::new("busy", format!("{queued_max} frames are waiting to be rendered; try again")));
+        }
+        let id = queue.next_job;
+        queue.next_job += 1;
+        queue.jobs.push_back(Job { id, world: world.clone(), request, waiters: vec![waiter] });
+        drop(queue);
+        self.shared.wake.notify_one();
+        Ok(Ticket { job: id, answer })
+    }
+
+    /// Changes what a waiting ticket will get, in its place in the queue. Leaves it alone where the work has begun or is
+    /// shared with another viewer.
+    pub fn replace(&self, ticket: &Ticket, request: FrameRequest) {
+        let mut queue = self.shared.lock();
+        if let Some(job) = queue.jobs.iter_mut().find(|j| j.id == ticket.job && j.waiters.len() == 1) {
+            job.request = request;
+        }
+    }
+
+    /// Drops what is kept for a world that is gone.
+    pub fn forget(&self, world: &Arc<str>) {
+        self.shared.lock().forgotten.push(world.clone());
+        self.shared.wake.notify_one();
+    }
+}
+
+impl Drop for RenderService {
+    fn drop(&mut self) {
+        self.shared.lock().stop = true;
+        self.shared.wake.notify_one();
+        if self.thread.take().is_some_and(|t| t.join().is_err()) {
+            tracing::error!("the render thread panicked");
+        }
+    }
+}
+
+struct PictureKey {
+    world: Arc<str>,
+    revision: u64,
+    camera: Camera,
+    size: [u32; 2],
+}
+
+impl PictureKey {
+    fn is(&self, world: &View, revision: u64, request: &FrameRequest) -> bool {
+        self.world == world.id
+            && self.revision == revision
+            && self.size == [request.width, request.height]
+            && self.camera == request.camera
+    }
+}
+
+/// What the render thread keeps between frames.
+#[derive(Default)]
+struct Kept {
+    renderers: HashMap<Arc<str>, Renderer>,
+    pictures: VecDeque<(PictureKey, Arc<Picture>)>,
+    frames: VecDeque<(PictureKey, FrameFormat, Arc<Frame>)>,
+}
+
+fn render_loop(shared: &Shared) {
+    let mut kept = Kept::default();
+    loop {
+        let mut queue = shared.lock();
+        let job = loop {
+            for world in std::mem::take(&mut queue.forgotten) {
+                kept.forget(&world);
+            }
+            if queue.stop {
+                return;
+            }
+            match queue.jobs.pop_front() {
+                Some(job) => break job,
+                None => queue = shared.wake.wait(queue).unwrap_or_else(PoisonError::into_inner),
+            }
+        };
+        drop(queue);
+        if job.waiters.iter().all(oneshot::Sender::is_closed) {
+            continue; // every viewer has left
+        }
+        let frame = catch_unwind(AssertUnwindSafe(|| kept.frame(&job.world, &job.request))).unwrap_or_else(|_| {
+            tracing::error!(world = %job.world.id, request = ?job.request, "the renderer panicked");
+            kept.forget(&job.world.id);
+            Err(ApiError::new("internal", "the frame could not be rendered"))
+        });
+        for waiter in job.waiters {
+            let _ = waiter.send(frame.clone()); // a viewer who has left needs nothing
+        }
+    }
+}
+
+impl Kept {
+    fn forget(&mut self, world: &Arc<str>) {
+        self.renderers.remove(world);
+        self.pictures.retain(|(key, _)| key.world != *world);
+        self.frames.retain(|(key, _, _)| key.world != *world);
+    }
+
+    fn frame(&mut self, world: &View, request: &FrameRequest) -> Result<Arc<Frame>, ApiError> {
+        let published = world.newest();
+        let revision = published.revision;
+        let key = || PictureKey {
+            world: world.id.clone(),
+            revision,
+            camera: request.camera.clone(),
+            size: [request.width, request.height],
+        };
+        let same = |(k, format, _): &&(PictureKey, FrameFormat, Arc<Frame>)| {
+            *format == request.format && k.is(world, revision, request)
+        };
+        if let Some((_, _, frame)) = self.frames.iter().find(same) {
+            return Ok(frame.clone());
+        }
+        let picture = match self.pictures.iter().find(|(k, _)| k.is(world, revision, request)) {
+            Some((_, picture)) => picture.clone(),
+            None => {
+                let renderer = self.renderers.entry(world.id.clone()).or_insert_with(Renderer::new);
+                let picture = Arc::new(renderer.render(
+                    &published.snapshot,
+                    &world.scene,
+                    &request.camera,
+                    request.width,
+                    request.height,
+                )?);
+                world.set_frame_ms(picture.render_ms);
+                keep(&mut self.pictures, (key(), picture.clone()), PICTURES_KEPT);
+                picture
+            }
+        };
+        let began = Instant::now();
+        let bytes = picture::encode(&picture, request.format)?;
+        let numbers = &published.snapshot.numbers;
+        let frame = Arc::new(Frame {
+            request: request.clone(),
+            revision,
+            tick: numbers.tick,
+            simulated_s: numbers.simulated_s,
+            render_ms: picture.render_ms,
+            encode_ms: began.elapsed().as_secs_f64() * 1e3,
+            bytes,
+        });
+        keep(&mut self.frames, (key(), request.format, frame.clone()), FRAMES_KEPT);
+        Ok(frame)
+    }
+}
+
+fn keep<T>(kept: &mut VecDeque<T>, one: T, most: usize) {
+    if kept.len() >= most {
+        kept.pop_front();
+    }
+    kept.push_back(one);
+}

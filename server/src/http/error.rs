@@ -1,0 +1,45 @@
+//! Errors on the wire: always [`ApiError`] as JSON, with the status that its code stands for.
+
+use axum::Json;
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use welkin_proto::ApiError;
+
+/// An [`ApiError`] on its way to a client.
+#[derive(Debug)]
+pub struct Refusal(pub ApiError);
+
+impl From<ApiError> for Refusal {
+    fn from(error: ApiError) -> Self {
+        Self(error)
+    }
+}
+
+/// The HTTP status of an error code; 400 for the many that blame the request.
+pub fn status_of(code: &str) -> StatusCode {
+    match code {
+        "not_found" | "unknown_world" | "unknown_scene" => StatusCode::NOT_FOUND,
+        "foreign_origin" => StatusCode::FORBIDDEN,
+        "method_not_allowed" => StatusCode::METHOD_NOT_ALLOWED,
+        "world_stopped" => StatusCode::GONE,
+        "body_too_large" | "too_large" => StatusCode::PAYLOAD_TOO_LARGE,
+        "unsupported_media_type" => StatusCode::UNSUPPORTED_MEDIA_TYPE,
+        "upgrade_required" => StatusCode::UPGRADE_REQUIRED,
+        "too_many_worlds" | "too_many_streams" | "busy" => StatusCode::TOO_MANY_REQUESTS,
+        "render_too_long" => StatusCode::SERVICE_UNAVAILABLE,
+        "internal" => StatusCode::INTERNAL_SERVER_ERROR,
+        _ => StatusCode::BAD_REQUEST,
+    }
+}
+
+impl IntoResponse for Refusal {
+    fn into_response(self) -> Response {
+        (status_of(&self.0.code), Json(self.0)).into_response()
+    }
+}
+
+/// What a client is told when the fault is ours; the cause goes to the log.
+pub fn internal(cause: impl std::fmt::Display) -> ApiError {
+    tracing::error!(%cause, "internal error");
+    ApiError::new("internal", "something went wrong in the server; it is in the log")
+}

@@ -1,0 +1,56 @@
+//! `GET /` and `GET /web/{name}`: the web page, which is part of the binary.
+
+use axum::http::{HeaderName, header};
+use axum::response::{IntoResponse, Response};
+use welkin_proto::ApiError;
+
+use super::error::Refusal;
+use super::extract::NameOf;
+use super::route::{Place, Route};
+
+const INDEX: &str = include_str!("../../../client/web/index.html");
+
+/// The page's files: name, media type, content.
+const FILES: [(&str, &str, &str); 5] = [
+    ("main.js", JAVASCRIPT, include_str!("../../../client/web/main.js")),
+    ("stream.js", JAVASCRIPT, include_str!("../../../client/web/stream.js")),
+    ("view.js", JAVASCRIPT, include_str!("../../../client/web/view.js")),
+    ("panel.js", JAVASCRIPT, include_str!("../../../client/web/panel.js")),
+    ("style.css", "text/css; charset=utf-8", include_str!("../../../client/web/style.css")),
+];
+
+const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
+
+/// Only our own files, frames from memory, and connections to where the page came from.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' blob: data:; \
+                      connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+/// The page.
+pub fn route() -> Route {
+    Route::get("/", "The web page", async || file("text/html; charset=utf-8", INDEX))
+        .bytes(200, "The page.", &["text/html"])
+}
+
+/// A file of the page.
+pub fn file_route() -> Route {
+    Route::get("/web/{name}", "A file of the web page", named)
+        .parameter::<String>(Place::Path, "name", "The file's name.")
+        .bytes(200, "The file.", &["text/javascript", "text/css"])
+        .error("not_found")
+}
+
+async fn named(NameOf(name): NameOf) -> Result<Response, Refusal> {
+    let found = FILES.iter().find(|(known, _, _)| *known == name);
+    let (_, media_type, content) = found.ok_or_else(|| ApiError::new("not_found", format!("the page has no file {name:?}")))?;
+    Ok(file(media_type, content))
+}
+
+fn file(media_type: &'static str, content: &'static str) -> Response {
+    let headers: [(HeaderName, &'static str); 4] = [
+        (header::CONTENT_TYPE, media_type),
+        (header::CONTENT_SECURITY_POLICY, POLICY),
+        (header::REFERRER_POLICY, "no-referrer"),
+        (header::CACHE_CONTROL, "no-cache"),
+    ];
+    (headers, content).into_response()
+}

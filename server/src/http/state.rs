@@ -1,0 +1,173 @@
+//! What all requests share: the worlds, the renderer, the limits.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use tokio::sync::Semaphore;
+use welkin_proto::{ApiError, Scene};
+
+use super::error::internal;
+use crate::host::Host;
+use crate::host::renderer::RenderService;
+use crate::limits::Limits;
+
+/// Shared by every request; cheap to clone.
+#[derive(Clone)]
+pub struct AppState {
+    shared: Arc<Shared>,
+}
+
+struct Shared {
+    limits: Limits,
+    threads: Option<usize>,
+    started: Instant,
+    worlds: Mutex<Worlds>,
+    streams: AtomicUsize,
+    renders: Arc<Semaphore>,
+    renderer: RenderService,
+}
+
+#[derive(Default)]
+struct Worlds {
+    running: BTreeMap<u64, Arc<Host>>,
+    starting: usize,
+    made: u64,
+}
+
+/// Counts a stream as long as it lives.
+pub struct StreamPermit(AppState);
+
+impl Drop for StreamPermit {
+    fn drop(&mut self) {
+        self.0.shared.streams.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+impl AppState {
+    /// A server without worlds. `threads` is handed to every world; `None` leaves the choice to it.
+    ///
+    /// Errors: `internal` where the render thread cannot be started.
+    pub fn new(limits: Limits, threads: Option<usize>) -> Result<Self, ApiError> {
+        let shared = Shared {
+            threads,
+            started: Instant::now(),
+            worlds: Mutex::new(Worlds::default()),
+            streams: AtomicUsize::new(0),
+            renders: Arc::new(Semaphore::new(limits.renders_max)),
+            renderer: RenderService::start().map_err(internal)?,
+            limits,
+        };
+        Ok(Self { shared: Arc::new(shared) })
+    }
+
+    /// The server's limits.
+    pub fn limits(&self) -> &Limits {
+        &self.shared.limits
+    }
+
+    /// Worker threads that a world is given.
+    pub fn threads(&self) -> Option<usize> {
+        self.shared.threads
+    }
+
+    /// When the server started.
+    pub fn started(&self) -> Instant {
+        self.shared.started
+    }
+
+    /// The service that renders frames of running worlds.
+    pub fn renderer(&self) -> &RenderService {
+        &self.shared.renderer
+    }
+
+    /// Permits for renders of scenes of their own.
+    pub fn renders(&self) -> &Arc<Semaphore> {
+        &self.shared.renders
+    }
+
+    /// Open streams.
+    pub fn stream_count(&self) -> usize {
+        self.shared.streams.load(Ordering::Relaxed)
+    }
+
+    fn worlds_locked(&self) -> MutexGuard<'_, Worlds> {
+        self.shared.worlds.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// All worlds, oldest first.
+    pub fn worlds(&self) -> Vec<Arc<Host>> {
+        self.worlds_locked().running.values().cloned().collect()
+    }
+
+    /// The world of that id; `unknown_world`.
+    pub fn world(&self, id: &str) -> Result<Arc<Host>, ApiError> {
+        let number = id.strip_prefix('w').and_then(|number| number.parse().ok());
+        let found = number.and_then(|number: u64| self.worlds_locked().running.get(&number).cloned());
+        found.filter(|host| *host.view().id == *id).ok_or_else(|| {
+            ApiError::new("unknown_world", format!("there is no world {id:?}; GET /v1/worlds lists them"))
+        })
+    }
+
+    /// Starts a world and returns once its first state is there. Its id is new, never one that was used before.
+    ///
+    /// Errors: `too_many_worlds`, those of [`Host::spawn`].
+    pub async fn create_world(&self, scene: Scene) -> Result<Arc<Host>, ApiError> {
+        let most = self.shared.limits.worlds_max;
+        let number = {
+            let mut worlds = self.worlds_locked();
+            if worlds.running.len() + worlds.starting >= most {
+                let message = format!("{most} worlds run already, which is the limit; delete one first");
+                return Err(ApiError::new("too_many_worlds", message));
+            }
+            worlds.starting += 1;
+            worlds.made += 1;
+            worlds.made
+        };
+        let threads = self.shared.threads;
+        let name = format!("w{number}");
+        // The reservation is given back here and nowhere else: this task runs to its end even if the client leaves.
+        let state = self.clone();
+        let started = tokio::spawn(async move {
+            let host = tokio::task::spawn_blocking(move || Host::spawn(&name, scene, threads)).await;
+            let host = host.map_err(internal).and_then(|host| host).map(Arc::new);
+            let mut worlds = state.worlds_locked();
+            worlds.starting -= 1;
+            if let Ok(host) = &host {
+                worlds.running.insert(number, host.clone());
+            }
+            host
+        });
+        started.await.map_err(internal)?
+    }
+
+    /// Stops a world and waits until it has stopped; its streams end.
+    ///
+    /// Errors: `unknown_world`.
+    pub async fn delete_world(&self, id: &str) -> Result<(), ApiError> {
+        let host = self.world(id)?;
+        self.worlds_locked().running.retain(|_, running| !Arc::ptr_eq(running, &host));
+        self.shared.renderer.forget(&host.view().id);
+        tokio::task::spawn_blocking(move || host.shut_down()).await.map_err(internal)
+    }
+
+    /// Stops all worlds.
+    pub async fn shut_down(&self) {
+        for host in self.worlds() {
+            // One that was deleted meanwhile has stopped already.
+            let _ = self.delete_world(&host.view().id).await;
+        }
+    }
+
+    /// Counts a stream in, or refuses it with `too_many_streams`.
+    pub fn open_stream(&self) -> Result<StreamPermit, ApiError> {
+        let most = self.shared.limits.streams_max;
+        let before = self.shared.streams.fetch_add(1, Ordering::Relaxed);
+        let permit = StreamPermit(self.clone());
+        if before >= most {
+            return Err(ApiError::new("too_many_streams", format!("{most} streams are open, which is the limit")));
+        }
+        Ok(permit)
+    }
+}

@@ -1,0 +1,185 @@
+//! `GET /v1/worlds/{id}/frame`: a picture of a live world.
+
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::str::FromStr;
+
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use welkin_proto::wire::FrameFormat;
+use welkin_proto::{ApiError, Camera, validate};
+
+use super::checks;
+use super::error::{Refusal, internal};
+use super::extract::{Pairs, WorldOf};
+use super::route::{Place, Route};
+use super::state::AppState;
+use crate::host::renderer::{Frame, FrameRequest};
+use crate::limits::Limits;
+
+/// The size of a frame whose size nobody gave, pixels.
+const DEFAULT_SIZE: [u32; 2] = [640, 360];
+/// Names the tick that a frame shows.
+const TICK_HEADER: HeaderName = HeaderName::from_static("x-welkin-tick");
+/// Names the simulated second that a frame shows.
+const SIMULATED_HEADER: HeaderName = HeaderName::from_static("x-welkin-simulated-s");
+const SERVER_TIMING: HeaderName = HeaderName::from_static("server-timing");
+
+/// Media types of frames.
+pub const MEDIA_TYPES: [&str; 3] = ["image/jpeg", "image/png", "image/webp"];
+
+/// The route.
+pub fn route() -> Route {
+    use Place::Query;
+    Route::get("/v1/worlds/{id}/frame", "A picture of a live world", frame)
+        .of_world()
+        .parameter::<FrameFormat>(Query, "format", "Coding of the picture; jpeg.")
+        .parameter::<u32>(Query, "width", "Pixels across; 640.")
+        .parameter::<u32>(Query, "height", "Pixels down; 360.")
+        .parameter::<f64>(Query, "x_m", "Camera, metres east of the south-west corner; the scene's.")
+        .parameter::<f64>(Query, "y_m", "Camera, metres north of the south-west corner; the scene's.")
+        .parameter::<f64>(Query, "z_m", "Camera, metres above the ground; the scene's.")
+        .parameter::<f64>(Query, "azimuth_deg", "Direction of view, degrees clockwise from north; the scene's.")
+        .parameter::<f64>(Query, "elevation_deg", "Direction of view, degrees above the horizon; the scene's.")
+        .parameter::<f64>(Query, "vertical_fov_deg", "Angle of view from bottom to top, degrees; the scene's.")
+        .parameter::<f64>(Query, "exposure_ev", "Exposure compensation, stops; the scene's.")
+        .parameter::<String>(Place::Header, "If-None-Match", "The `ETag` of the frame that the client has.")
+        .bytes(200, "The picture, with `ETag`, `X-Welkin-Tick`, `X-Welkin-Simulated-S`, `Server-Timing`.", &MEDIA_TYPES)
+        .bytes(304, "The client has the newest one.", &[])
+        .error("out_of_range")
+        .error("bad_parameter")
+        .error("unknown_parameter")
+        .error("bad_query")
+        .error("busy")
+        .error("internal")
+}
+
+async fn frame(
+    State(state): State<AppState>,
+    WorldOf(host): WorldOf,
+    Pairs(pairs): Pairs,
+    headers: HeaderMap,
+) -> Result<Response, Refusal> {
+    let view = host.view().clone();
+    drop(host); // the world may be stopped while the frame is rendered
+    let request = parse(&pairs, &view.scene.camera, state.limits())?;
+    let query = fingerprint(&request);
+    let newest = etag(&view.id, view.newest().revision, query);
+    if headers.get_all(header::IF_NONE_MATCH).iter().any(|v| names(v, &newest)) {
+        return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, newest), (header::CACHE_CONTROL, "no-cache".into())]).into_response());
+    }
+    let ticket = state.renderer().request(&view, request, state.limits().queued_frames_max)?;
+    let frame = ticket.answer.await.map_err(internal)??;
+    let tag = etag(&view.id, frame.revision, query);
+    Ok(image_response(&frame, [(header::ETAG, tag), (header::CACHE_CONTROL, "no-cache".into())]))
+}
+
+/// A frame as an answer.
+pub fn image_response(frame: &Frame, more: [(HeaderName, String); 2]) -> Response {
+    let timing = format!("render;dur={:.1}, encode;dur={:.1}", frame.render_ms, frame.encode_ms);
+    let headers = [
+        (header::CONTENT_TYPE, media_type(frame.request.format).to_owned()),
+        (TICK_HEADER, frame.tick.to_string()),
+        (SIMULATED_HEADER, frame.simulated_s.to_string()),
+        (SERVER_TIMING, timing),
+    ];
+    (headers, more, frame.bytes.clone()).into_response()
+}
+
+fn media_type(format: FrameFormat) -> &'static str {
+    match format {
+        FrameFormat::Jpeg => MEDIA_TYPES[0],
+        FrameFormat::Png => MEDIA_TYPES[1],
+        FrameFormat::Webp => MEDIA_TYPES[2],
+    }
+}
+
+fn etag(world: &str, revision: u64, query: u64) -> String {
+    format!("\"{world}-{revision}-{query:016x}\"")
+}
+
+/// Whether an `If-None-Match` header lists this tag (weak comparison, RFC 9110 section 13.1.2).
+fn names(value: &HeaderValue, tag: &str) -> bool {
+    let listed = value.to_str().unwrap_or_default().split(',').map(str::trim);
+    listed.map(|t| t.strip_prefix("W/").unwrap_or(t)).any(|t| t == tag || t == "*")
+}
+
+fn fingerprint(request: &FrameRequest) -> u64 {
+    let FrameRequest { width, height, format, camera } = request;
+    let mut hasher = DefaultHasher::new();
+    (width, height, format).hash(&mut hasher);
+    let angles = [camera.azimuth_deg, camera.elevation_deg, camera.vertical_fov_deg, camera.exposure_ev];
+    for value in camera.position_m.iter().chain(&angles) {
+        value.to_bits().hash(&mut hasher);
+    }
+    hasher.finish()
+}
+
+/// Reads the query; what is absent comes from the scene's camera.
+fn parse(pairs: &[(String, String)], scene_camera: &Camera, limits: &Limits) -> Result<FrameRequest, ApiError> {
+    let [width, height] = DEFAULT_SIZE;
+    let mut request = FrameRequest { width, height, format: FrameFormat::default(), camera: scene_camera.clone() };
+    let camera = &mut request.camera;
+    for (name, value) in pairs {
+        match name.as_str() {
+            "width" => request.width = pixels(name, value)?,
+            "height" => request.height = pixels(name, value)?,
+            "format" => request.format = format_named(value)?,
+            "x_m" => camera.position_m[0] = number(name, value)?,
+            "y_m" => camera.position_m[1] = number(name, value)?,
+            "z_m" => camera.position_m[2] = number(name, value)?,
+            "azimuth_deg" => camera.azimuth_deg = number(name, value)?,
+            "elevation_deg" => camera.elevation_deg = number(name, value)?,
+            "vertical_fov_deg" => camera.vertical_fov_deg = number(name, value)?,
+            "exposure_ev" => camera.exposure_ev = number(name, value)?,
+            _ => {
+                let message = format!("there is no parameter {name:?}; see /v1/openapi.json");
+                return Err(ApiError::new("unknown_parameter", message).at(format!("/{}", escape(name))));
+            }
+        }
+    }
+    checks::size(request.width, request.height, limits)?;
+    validate::camera(&request.camera, "").map_err(|error| match error.pointer.as_deref() {
+        Some("/position_m/0") => error.at("/x_m"),
+        Some("/position_m/1") => error.at("/y_m"),
+        Some("/position_m/2") => error.at("/z_m"),
+        _ => error,
+    })?;
+    Ok(request)
+}
+
+fn format_named(value: &str) -> Result<FrameFormat, ApiError> {
+    match value {
+        "jpeg" => Ok(FrameFormat::Jpeg),
+        "png" => Ok(FrameFormat::Png),
+        "webp" => Ok(FrameFormat::Webp),
+        _ => Err(invalid("format", value, "one of jpeg, png, webp")),
+    }
+}
+
+/// A number of pixels; one too large for the type is out of range, not malformed.
+fn pixels(name: &str, value: &str) -> Result<u32, ApiError> {
+    match i128::from_str(value) {
+        Ok(pixels) => u32::try_from(pixels).map_err(|_| {
+            ApiError::new("out_of_range", format!("{name} is {value}; it must be at least 1")).at(format!("/{name}"))
+        }),
+        Err(_) => Err(invalid(name, value, "a whole number")),
+    }
+}
+
+fn number(name: &str, value: &str) -> Result<f64, ApiError> {
+    match f64::from_str(value) {
+        Ok(number) if number.is_finite() => Ok(number),
+        _ => Err(invalid(name, value, "a finite number")),
+    }
+}
+
+fn invalid(name: &str, value: &str, wanted: &str) -> ApiError {
+    let value: String = value.chars().take(40).collect();
+    ApiError::new("bad_parameter", format!("{name} is {value:?}; it must be {wanted}")).at(format!("/{name}"))
+}
+
+/// A name as a part of a JSON pointer (RFC 6901).
+fn escape(name: &str) -> String {
+    name.chars().take(40).collect::<String>().replace('~', "~0").replace('/', "~1")
+}

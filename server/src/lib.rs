@@ -1,0 +1,14 @@
+//! Welkin's server: scene to plan to world to tick to picture, over HTTP and WebSocket.
+
+pub mod base_state;
+pub mod bench;
+pub mod cli;
+pub mod host;
+pub mod http;
+pub mod initial;
+pub mod limits;
+pub mod parameters;
+pub mod picture;
+pub mod plan;
+pub mod sun;
+pub mod world;

@@ -1,0 +1,66 @@
+//! What a server refuses: every limit in one place, each with a flag of its own.
+
+use welkin_proto::validate;
+
+/// Limits of one server. The defaults suit a small machine.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Limits {
+    /// Most worlds that run at once.
+    #[arg(long = "max-worlds", value_name = "N", default_value_t = 4)]
+    pub worlds_max: usize,
+    /// Most open streams (WebSocket), over all worlds.
+    #[arg(long = "max-streams", value_name = "N", default_value_t = 256)]
+    pub streams_max: usize,
+    /// Most frames that wait for the renderer at once, over all viewers.
+    #[arg(long = "max-queued-frames", value_name = "N", default_value_t = 256)]
+    pub queued_frames_max: usize,
+    /// Most `POST /v1/render` jobs that run at once.
+    #[arg(long = "max-renders", value_name = "N", default_value_t = 1)]
+    pub renders_max: usize,
+    /// Wall seconds that a `POST /v1/render` job may take.
+    #[arg(long = "render-time-limit", value_name = "SECONDS", default_value_t = 60.0)]
+    pub render_time_max_s: f64,
+    /// Most simulated seconds that a `POST /v1/render` job may ask for.
+    #[arg(long = "max-render-simulated", value_name = "SECONDS", default_value_t = 86_400.0)]
+    pub render_simulated_max_s: f64,
+    /// Widest frame, pixels.
+    #[arg(long = "max-width", value_name = "PIXELS", default_value_t = 3840)]
+    pub width_max: u32,
+    /// Highest frame, pixels.
+    #[arg(long = "max-height", value_name = "PIXELS", default_value_t = 2160)]
+    pub height_max: u32,
+    /// Most frames a wall second on one stream.
+    #[arg(long = "max-fps", value_name = "N", default_value_t = 60.0)]
+    pub frames_per_s_max: f64,
+    /// Largest request body, bytes.
+    #[arg(long = "max-body", value_name = "BYTES", default_value_t = 1 << 20)]
+    pub body_bytes_max: usize,
+    /// Largest message from a stream's client, bytes.
+    #[arg(long = "max-message", value_name = "BYTES", default_value_t = 64 << 10)]
+    pub message_bytes_max: usize,
+    /// Wall seconds that a stream's client may take to accept a message before it is dropped.
+    #[arg(long = "stall-timeout", value_name = "SECONDS", default_value_t = 10.0)]
+    pub stall_timeout_s: f64,
+    /// Most cells in a world; a cell costs about 100 bytes.
+    #[arg(long = "max-cells", value_name = "N", default_value_t = 256 * 256 * 256)]
+    pub cells_max: u64,
+}
+
+impl Limits {
+    /// What a scene may ask for.
+    pub fn scene(&self) -> validate::Limits {
+        validate::Limits { max_cells: self.cells_max, max_scene_bytes: self.body_bytes_max, ..Default::default() }
+    }
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        #[derive(clap::Parser)]
+        struct Defaults {
+            #[command(flatten)]
+            limits: Limits,
+        }
+        // The flags' defaults are the defaults: written once, above.
+        <Defaults as clap::Parser>::parse_from(["defaults"]).limits
+    }
+}

@@ -1,0 +1,91 @@
+//! From a snapshot and a camera to coded pixels.
+
+use std::time::Instant;
+
+use welkin_proto::scene::Scene;
+use welkin_proto::wire::FrameFormat;
+use welkin_proto::{ApiError, Camera};
+use welkin_shaders::cpu::view::{Detail, Prepared, ViewSettings, render};
+
+use crate::world::Snapshot;
+
+/// Quality of JPEG pictures, 0 to 100.
+const JPEG_QUALITY: u8 = 85;
+
+/// A rendered picture.
+pub struct Picture {
+    /// sRGB, three bytes a pixel, rows from the top.
+    pub rgb8: Vec<u8>,
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Wall milliseconds that it took.
+    pub render_ms: f64,
+}
+
+/// Renders pictures of one world; keeps what pictures of the same tick or sky share.
+#[derive(Default)]
+pub struct Renderer {
+    prepared: Prepared,
+}
+
+impl Renderer {
+    /// Nothing prepared yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Renders `width * height` pixels from `camera`. Errors: `out_of_range` for a picture of no or absurdly many pixels
+    /// (callers set their own, lower limits).
+    pub fn render(&mut self, snapshot: &Snapshot, scene: &Scene, camera: &Camera, width: u32, height: u32) -> Result<Picture, ApiError> {
+        const PIXELS_MAX: u64 = 1 << 26;
+        if width == 0 || height == 0 || width as u64 * height as u64 > PIXELS_MAX {
+            return Err(ApiError::new("out_of_range", format!("a picture of {width}x{height} is not between 1 and {PIXELS_MAX} pixels")));
+        }
+        let begin = Instant::now();
+        let effects = &scene.effects;
+        let settings = ViewSettings {
+            camera_position_m: camera.position_m.map(|c| c as f32),
+            azimuth_deg: camera.azimuth_deg as f32,
+            elevation_deg: camera.elevation_deg as f32,
+            vertical_fov_deg: camera.vertical_fov_deg as f32,
+            exposure_ev: camera.exposure_ev as f32,
+            width: width as usize,
+            height: height as usize,
+            sun_direction: snapshot.sun_direction,
+            detail: effects.cloud_detail.as_ref().map(|d| Detail { strength: d.strength as f32, scale_m: d.scale_m as f32 }),
+            multiple_scattering_octaves: effects.multiple_scattering.as_ref().map_or(0, |m| m.octaves),
+            cloud_shadow: effects.cloud_shadow.is_some(),
+            visibility_m: effects.aerial_perspective.as_ref().map(|a| a.visibility_m as f32),
+            seed: scene.seed,
+            surface_altitude_m: scene.domain.surface_altitude_m as f32,
+        };
+        let rgb8 = render(snapshot.volume.as_deref(), &settings, &mut self.prepared);
+        Ok(Picture { rgb8, width, height, render_ms: begin.elapsed().as_secs_f64() * 1e3 })
+    }
+}
+
+/// Codes a picture. Errors: `internal` where an encoder fails, and `out_of_range` for a JPEG of more than 65,535 pixels a side.
+pub fn encode(picture: &Picture, format: FrameFormat) -> Result<Vec<u8>, ApiError> {
+    use image::ImageEncoder;
+    use image::codecs::{png, webp};
+    let failed = |e: image::ImageError| ApiError::new("internal", format!("the picture could not be coded: {e}"));
+    let color = image::ExtendedColorType::Rgb8;
+    let mut bytes = Vec::new();
+    match format {
+        FrameFormat::Jpeg => {
+            let side = |n: u32| u16::try_from(n).map_err(|_| ApiError::new("out_of_range", format!("a JPEG has at most 65535 pixels a side, not {n}")));
+            jpeg_encoder::Encoder::new(&mut bytes, JPEG_QUALITY)
+                .encode(&picture.rgb8, side(picture.width)?, side(picture.height)?, jpeg_encoder::ColorType::Rgb)
+                .map_err(|e| ApiError::new("internal", format!("the picture could not be coded: {e}")))?;
+        }
+        FrameFormat::Png => png::PngEncoder::new_with_quality(&mut bytes, png::CompressionType::Fast, png::FilterType::Adaptive)
+            .write_image(&picture.rgb8, picture.width, picture.height, color)
+            .map_err(failed)?,
+        FrameFormat::Webp => webp::WebPEncoder::new_lossless(&mut bytes)
+            .write_image(&picture.rgb8, picture.width, picture.height, color)
+            .map_err(failed)?,
+    }
+    Ok(bytes)
+}

@@ -1,0 +1,66 @@
+//! From a scene's effects to what runs: which passes, which fields, and why.
+
+use welkin_proto::Scene;
+use welkin_proto::scene::Effects;
+use welkin_shaders::catalogue::{Effect, Field, Pass, Phase};
+
+/// What a world runs and holds.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// The effects that the scene names.
+    pub effects: Vec<Effect>,
+    /// Passes in catalogue order.
+    pub passes: Vec<Pass>,
+    /// Fields that are allocated, in catalogue order.
+    pub fields: Vec<Field>,
+}
+
+/// The effects that are present, in the catalogue's words. Noise and bubble act on the start alone and are none of them.
+pub fn effects(effects: &Effects) -> Vec<Effect> {
+    [
+        (effects.flow.is_some(), Effect::Flow),
+        (effects.heat.is_some(), Effect::Heat),
+        (effects.moisture.is_some(), Effect::Moisture),
+        (effects.turbulence.is_some(), Effect::Turbulence),
+        (effects.surface.is_some(), Effect::Surface),
+        (effects.coriolis.is_some(), Effect::Coriolis),
+        (effects.large_scale.is_some(), Effect::LargeScale),
+        (effects.sponge.is_some(), Effect::Sponge),
+        (effects.cloud_detail.is_some(), Effect::CloudDetail),
+        (effects.multiple_scattering.is_some(), Effect::MultipleScattering),
+        (effects.cloud_shadow.is_some(), Effect::CloudShadow),
+        (effects.aerial_perspective.is_some(), Effect::AerialPerspective),
+    ]
+    .into_iter()
+    .filter_map(|(present, effect)| present.then_some(effect))
+    .collect()
+}
+
+impl Plan {
+    /// Selects from the catalogue what the scene's effects need.
+    pub fn new(scene: &Scene) -> Self {
+        let effects = effects(&scene.effects);
+        let has = |e: &Effect| effects.contains(e);
+        let wanted = |pass: &Pass| {
+            let info = pass.info();
+            info.needs.iter().all(has) && !info.unless.as_ref().is_some_and(has)
+        };
+        let slow = Pass::SlowClear.info().writes;
+        let mut passes: Vec<Pass> = Pass::ALL.iter().copied().filter(wanted).collect();
+        // Clearing held tendencies is work for those that add to them; with none of them there is nothing to hold.
+        let holds = passes.iter().any(|p| *p != Pass::SlowClear && p.info().writes.iter().any(|f| slow.contains(f)));
+        passes.retain(|p| *p != Pass::SlowClear || holds);
+        let fields = Field::ALL
+            .iter()
+            .copied()
+            .filter(|f| has(&f.effect()))
+            .filter(|f| f.is_state() || f.is_start() || passes.iter().any(|p| p.info().writes.contains(f)))
+            .collect();
+        Self { effects, passes, fields }
+    }
+
+    /// The passes of one phase.
+    pub fn phase(&self, phase: Phase) -> Vec<Pass> {
+        self.passes.iter().copied().filter(|p| p.info().phase == phase).collect()
+    }
+}

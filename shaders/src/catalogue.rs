@@ -1,0 +1,303 @@
+//! The catalogue: every field and every pass by name, what each pass reads and writes, and what asks for it.
+//!
+//! The catalogue's order is the order in which passes run. A plan is a selection from it; a device runs a plan.
+//! A pass is a stage applied to named fields; a stage is one file, `cpu/sim/STAGE.rs` and later `wgsl/sim/STAGE.wgsl`.
+
+/// Where on the Arakawa C grid a field's values lie.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// Cell centres.
+    Centre,
+    /// West faces.
+    XFace,
+    /// South faces.
+    YFace,
+    /// Lower faces.
+    ZFace,
+}
+
+impl Place {
+    /// The name on the wire.
+    pub fn name(self) -> &'static str {
+        match self {
+            Place::Centre => "centre",
+            Place::XFace => "x_face",
+            Place::YFace => "y_face",
+            Place::ZFace => "z_face",
+        }
+    }
+}
+
+macro_rules! fields {
+    ($($(#[$doc:meta])* $id:ident $name:literal $place:ident $unit:literal;)*) => {
+        /// A field of the grid: one 32-bit float a cell.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+        pub enum Field { $($(#[$doc])* $id),* }
+        impl Field {
+            /// All fields.
+            pub const ALL: &'static [Field] = &[$(Field::$id),*];
+            /// The name in plans and on the wire.
+            pub fn name(self) -> &'static str { match self { $(Field::$id => $name),* } }
+            /// Where its values lie.
+            pub fn place(self) -> Place { match self { $(Field::$id => Place::$place),* } }
+            /// Its unit.
+            pub fn unit(self) -> &'static str { match self { $(Field::$id => $unit),* } }
+        }
+    };
+}
+
+fields! {
+    /// Wind towards the east.
+    VelocityX "velocity_x_at_x_face" XFace "m/s";
+    /// Wind towards the north.
+    VelocityY "velocity_y_at_y_face" YFace "m/s";
+    /// Wind upwards; 0 at the ground, and at the lid, which is not stored.
+    VelocityZ "velocity_z_at_z_face" ZFace "m/s";
+    /// Liquid-water potential temperature less the scene's constant reference.
+    Heat "liquid_water_potential_temperature_excess" Centre "K";
+    /// Total water: vapour and cloud water.
+    Water "total_water" Centre "kg/kg";
+    /// `VelocityX` at the substep's start.
+    StartVelocityX "velocity_x_at_x_face_start" XFace "m/s";
+    /// `VelocityY` at the substep's start.
+    StartVelocityY "velocity_y_at_y_face_start" YFace "m/s";
+    /// `VelocityZ` at the substep's start.
+    StartVelocityZ "velocity_z_at_z_face_start" ZFace "m/s";
+    /// `Heat` at the substep's start.
+    StartHeat "liquid_water_potential_temperature_excess_start" Centre "K";
+    /// `Water` at the substep's start.
+    StartWater "total_water_start" Centre "kg/kg";
+    /// `VelocityX` after the Runge-Kutta stage, before it is swapped in.
+    NextVelocityX "velocity_x_at_x_face_next" XFace "m/s";
+    /// `VelocityY` after the stage.
+    NextVelocityY "velocity_y_at_y_face_next" YFace "m/s";
+    /// `VelocityZ` after the stage.
+    NextVelocityZ "velocity_z_at_z_face_next" ZFace "m/s";
+    /// `Heat` after the stage.
+    NextHeat "liquid_water_potential_temperature_excess_next" Centre "K";
+    /// `Water` after the stage.
+    NextWater "total_water_next" Centre "kg/kg";
+    /// Tendency of `VelocityX` that is held over a substep.
+    SlowVelocityX "velocity_x_slow_tendency" XFace "m/s2";
+    /// Tendency of `VelocityY` that is held over a substep.
+    SlowVelocityY "velocity_y_slow_tendency" YFace "m/s2";
+    /// Tendency of `VelocityZ` that is held over a substep.
+    SlowVelocityZ "velocity_z_slow_tendency" ZFace "m/s2";
+    /// Tendency of `Heat` that is held over a substep.
+    SlowHeat "liquid_water_potential_temperature_slow_tendency" Centre "K/s";
+    /// Tendency of `Water` that is held over a substep.
+    SlowWater "total_water_slow_tendency" Centre "1/s";
+    /// Buoyant acceleration.
+    Buoyancy "buoyancy" Centre "m/s2";
+    /// Cloud water.
+    CloudWater "cloud_water" Centre "kg/kg";
+    /// Eddy viscosity.
+    EddyViscosity "eddy_viscosity" Centre "m2/s";
+    /// Perturbation pressure over the reference density.
+    Pressure "pressure_over_density" Centre "m2/s2";
+    /// Extinction of light by cloud droplets.
+    Extinction "extinction" Centre "1/m";
+}
+
+impl Field {
+    /// The effect without which the field makes no sense, and is never allocated.
+    pub fn effect(self) -> Effect {
+        use Field::*;
+        match self {
+            Heat | StartHeat | NextHeat | SlowHeat | Buoyancy => Effect::Heat,
+            Water | StartWater | NextWater | SlowWater | CloudWater | Extinction => Effect::Moisture,
+            EddyViscosity => Effect::Turbulence,
+            _ => Effect::Flow,
+        }
+    }
+
+    /// Whether it is part of the state: given at the start, not computed from other fields.
+    pub fn is_state(self) -> bool {
+        use Field::*;
+        matches!(self, VelocityX | VelocityY | VelocityZ | Heat | Water)
+    }
+
+    /// Whether it keeps the state of a substep's start.
+    pub fn is_start(self) -> bool {
+        use Field::*;
+        matches!(self, StartVelocityX | StartVelocityY | StartVelocityZ | StartHeat | StartWater)
+    }
+}
+
+/// What a scene can ask for. The names are those of the scene's `effects`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Effect {
+    /// Momentum.
+    Flow,
+    /// Heat and buoyancy.
+    Heat,
+    /// Water and cloud.
+    Moisture,
+    /// Smagorinsky-Lilly mixing.
+    Turbulence,
+    /// Fluxes and drag at the ground.
+    Surface,
+    /// Coriolis force.
+    Coriolis,
+    /// Subsidence, radiation, moistening.
+    LargeScale,
+    /// Damping under the lid.
+    Sponge,
+    /// Detail noise on the drawn cloud.
+    CloudDetail,
+    /// Octaves of scattering.
+    MultipleScattering,
+    /// Shadows of clouds on the ground.
+    CloudShadow,
+    /// Haze.
+    AerialPerspective,
+}
+
+impl Effect {
+    /// The name in a scene.
+    pub fn name(self) -> &'static str {
+        match self {
+            Effect::Flow => "flow",
+            Effect::Heat => "heat",
+            Effect::Moisture => "moisture",
+            Effect::Turbulence => "turbulence",
+            Effect::Surface => "surface",
+            Effect::Coriolis => "coriolis",
+            Effect::LargeScale => "large_scale",
+            Effect::Sponge => "sponge",
+            Effect::CloudDetail => "cloud_detail",
+            Effect::MultipleScattering => "multiple_scattering",
+            Effect::CloudShadow => "cloud_shadow",
+            Effect::AerialPerspective => "aerial_perspective",
+        }
+    }
+}
+
+/// When a pass runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Phase {
+    /// Once a substep, before its Runge-Kutta stages.
+    Step,
+    /// In each of a substep's three Runge-Kutta stages.
+    Stage,
+    /// Once a tick, at its end: for the snapshot.
+    Publish,
+}
+
+impl Phase {
+    /// The name on the wire.
+    pub fn name(self) -> &'static str {
+        match self {
+            Phase::Step => "step",
+            Phase::Stage => "stage",
+            Phase::Publish => "publish",
+        }
+    }
+}
+
+/// Everything the catalogue knows of a pass.
+#[derive(Debug)]
+pub struct PassInfo {
+    /// Its name, `stage` or `stage:field`.
+    pub name: &'static str,
+    /// When it runs.
+    pub phase: Phase,
+    /// The effects that must all be present for it to run; the first is the reason that is shown.
+    pub needs: &'static [Effect],
+    /// Fields that must not be asked for, since another pass does more: (effect, never planned with it).
+    pub unless: Option<Effect>,
+    /// Fields it reads; those that the plan doesn't allocate are skipped.
+    pub reads: &'static [Field],
+    /// Fields it writes.
+    pub writes: &'static [Field],
+    /// One line: what it does.
+    pub what: &'static str,
+}
+
+macro_rules! passes {
+    ($($id:ident $name:literal $phase:ident needs [$($need:ident),*] unless $unless:expr, reads [$($read:ident),*] writes [$($write:ident),*] $what:literal;)*) => {
+        /// A pass: a stage applied to named fields, in the order in which passes run.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+        pub enum Pass { $(#[doc = $what] $id),* }
+        impl Pass {
+            /// All passes, in order.
+            pub const ALL: &'static [Pass] = &[$(Pass::$id),*];
+            /// What the catalogue knows of it.
+            pub fn info(self) -> &'static PassInfo {
+                match self { $(Pass::$id => {
+                    const INFO: PassInfo = PassInfo {
+                        name: $name, phase: Phase::$phase, needs: &[$(Effect::$need),*], unless: $unless,
+                        reads: &[$(Field::$read),*], writes: &[$(Field::$write),*], what: $what,
+                    };
+                    &INFO
+                }),* }
+            }
+        }
+    };
+}
+
+passes! {
+    SlowClear "slow_clear" Step needs [Flow] unless None,
+        reads [] writes [SlowVelocityX, SlowVelocityY, SlowVelocityZ, SlowHeat, SlowWater] "sets the tendencies that are held over a substep to 0";
+    StepSaturation "saturation_adjustment:step" Step needs [Turbulence, Moisture] unless None,
+        reads [Heat, Water] writes [Buoyancy, CloudWater] "cloud water and buoyancy for the eddy viscosity's stability";
+    StepDryBuoyancy "dry_buoyancy:step" Step needs [Turbulence, Heat] unless Some(Effect::Moisture),
+        reads [Heat] writes [Buoyancy] "buoyancy for the eddy viscosity's stability";
+    EddyViscosity "eddy_viscosity" Step needs [Turbulence] unless None,
+        reads [VelocityX, VelocityY, VelocityZ, Buoyancy] writes [EddyViscosity] "Smagorinsky-Lilly viscosity from strain and stability";
+    DiffuseMomentum "diffuse_momentum" Step needs [Turbulence] unless None,
+        reads [VelocityX, VelocityY, VelocityZ, EddyViscosity] writes [SlowVelocityX, SlowVelocityY, SlowVelocityZ] "mixing of momentum by eddies smaller than a cell";
+    DiffuseHeat "diffuse_scalar:heat" Step needs [Turbulence, Heat] unless None,
+        reads [Heat, EddyViscosity] writes [SlowHeat] "mixing of heat by eddies smaller than a cell";
+    DiffuseWater "diffuse_scalar:water" Step needs [Turbulence, Moisture] unless None,
+        reads [Water, EddyViscosity] writes [SlowWater] "mixing of water by eddies smaller than a cell";
+    SurfaceFlux "surface_flux" Step needs [Surface] unless None,
+        reads [VelocityX, VelocityY] writes [SlowVelocityX, SlowVelocityY, SlowHeat, SlowWater] "heat and moisture from the ground, and its drag, into the lowest level";
+    Coriolis "coriolis" Step needs [Coriolis] unless None,
+        reads [VelocityX, VelocityY] writes [SlowVelocityX, SlowVelocityY] "turns the wind's departure from the geostrophic one";
+    LargeScaleHeat "large_scale:heat" Step needs [LargeScale, Heat] unless None,
+        reads [Heat] writes [SlowHeat] "subsidence and radiation";
+    LargeScaleWater "large_scale:water" Step needs [LargeScale, Moisture] unless None,
+        reads [Water] writes [SlowWater] "subsidence and moistening";
+    LargeScaleMomentum "large_scale:momentum" Step needs [LargeScale, Flow] unless None,
+        reads [VelocityX, VelocityY] writes [SlowVelocityX, SlowVelocityY] "subsidence of momentum";
+    Sponge "sponge" Step needs [Sponge] unless None,
+        reads [VelocityX, VelocityY, VelocityZ, Heat] writes [SlowVelocityX, SlowVelocityY, SlowVelocityZ, SlowHeat] "damps waves under the lid";
+    Saturation "saturation_adjustment" Stage needs [Moisture] unless None,
+        reads [Heat, Water] writes [Buoyancy, CloudWater] "condenses what is above saturation; buoyancy from virtual potential temperature with loading";
+    DryBuoyancy "dry_buoyancy" Stage needs [Heat] unless Some(Effect::Moisture),
+        reads [Heat] writes [Buoyancy] "buoyancy from potential temperature";
+    AdvectHeat "advect_scalar:heat" Stage needs [Heat] unless None,
+        reads [VelocityX, VelocityY, VelocityZ, Heat, StartHeat, SlowHeat] writes [NextHeat] "carries heat, flux form, WENO5";
+    AdvectWater "advect_scalar:water" Stage needs [Moisture] unless None,
+        reads [VelocityX, VelocityY, VelocityZ, Water, StartWater, SlowWater] writes [NextWater] "carries water, flux form, WENO5";
+    AdvectMomentum "advect_momentum" Stage needs [Flow] unless None,
+        reads [VelocityX, VelocityY, VelocityZ, StartVelocityX, StartVelocityY, StartVelocityZ, SlowVelocityX, SlowVelocityY, SlowVelocityZ, Buoyancy]
+        writes [NextVelocityX, NextVelocityY, NextVelocityZ] "carries momentum, flux form, fifth-order upwind, and adds buoyancy";
+    PressureSolve "pressure_solve" Stage needs [Flow] unless None,
+        reads [NextVelocityX, NextVelocityY, NextVelocityZ] writes [Pressure] "the pressure that frees the mass flux of divergence: FFT in x, y and tridiagonal in z";
+    Project "project" Stage needs [Flow] unless None,
+        reads [Pressure] writes [NextVelocityX, NextVelocityY, NextVelocityZ] "subtracts the pressure gradient; the stage's result becomes the state";
+    PublishSaturation "saturation_adjustment:publish" Publish needs [Moisture] unless None,
+        reads [Heat, Water] writes [Buoyancy, CloudWater] "cloud water of the tick's last state";
+    CloudExtinction "cloud_extinction" Publish needs [Moisture] unless None,
+        reads [CloudWater] writes [Extinction] "what light meets: extinction from cloud water and droplet number";
+}
+
+/// A stage of light or view: it runs for a picture, on a published cloud, outside the tick, and writes no field of the state.
+#[derive(Debug)]
+pub struct ViewStage {
+    /// The stage's name; its file is `cpu/light/NAME.rs` or `cpu/view/NAME.rs`.
+    pub name: &'static str,
+    /// The effects that must all be present; none: every picture needs it.
+    pub needs: &'static [Effect],
+    /// What it reads.
+    pub reads: &'static [&'static str],
+    /// What it writes.
+    pub writes: &'static [&'static str],
+    /// One line: what it does.
+    pub what: &'static str,
+}
+
+/// The stages of light and view, in order.
+pub const VIEW_STAGES: &[ViewStage] = &[];

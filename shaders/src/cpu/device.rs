@@ -1,0 +1,228 @@
+//! The CPU device: owns the fields and runs passes on them.
+
+use rayon::prelude::*;
+
+use super::fields::Fields;
+use super::sim::advect::Scratch;
+use super::sim::parameters::Parameters;
+use super::sim::pressure_solve::Solver;
+use super::sim::slab::slab_count;
+use super::sim::*;
+use crate::catalogue::{Field, Pass};
+use crate::device::{CloudReductions, Device, Reductions, Substep};
+
+/// The CPU device of one world.
+pub struct Cpu {
+    parameters: Parameters,
+    fields: Fields,
+    scratch: Vec<Scratch>,
+    levels: Vec<Reductions>,
+    solver: Option<Solver>,
+}
+
+impl Cpu {
+    /// Allocates `planned` fields and, for a fluid, the pressure solver.
+    pub fn new(parameters: Parameters, planned: &[Field]) -> Self {
+        let grid = parameters.grid;
+        Self {
+            fields: Fields::new(grid.len(), planned),
+            scratch: if planned.contains(&Field::NextVelocityX) { vec![Scratch::new(&grid); slab_count(&grid)] } else { Vec::new() },
+            levels: vec![Reductions::default(); grid.cells[2]],
+            solver: planned.contains(&Field::Pressure).then(|| Solver::new(&parameters)),
+            parameters,
+        }
+    }
+
+    fn velocity(&self) -> [&[f32]; 3] {
+        [Field::VelocityX, Field::VelocityY, Field::VelocityZ].map(|f| self.fields.get(f))
+    }
+
+    /// Takes fields out to write them, runs `work` with the rest to read, and puts them back.
+    fn writing<const N: usize>(&mut self, written: [Field; N], work: impl FnOnce(&Self, [&mut [f32]; N])) {
+        let mut taken = written.map(|f| self.fields.take(f));
+        work(self, taken.each_mut().map(Vec::as_mut_slice));
+        for (field, values) in written.into_iter().zip(taken) {
+            self.fields.put(field, values);
+        }
+    }
+
+    fn saturate(&mut self) {
+        self.writing([Field::CloudWater, Field::Buoyancy], |d, [cloud, buoyancy]| {
+            saturation_adjustment::run(&d.parameters, d.fields.get(Field::Heat), d.fields.get(Field::Water), cloud, buoyancy);
+        });
+    }
+
+    fn dry_buoyancy(&mut self) {
+        self.writing([Field::Buoyancy], |d, [buoyancy]| dry_buoyancy::run(&d.parameters, d.fields.get(Field::Heat), buoyancy));
+    }
+
+    fn advect_scalar(&mut self, state: Field, start: Field, slow: Field, next: Field, substep: &Substep) {
+        let mut scratch = std::mem::take(&mut self.scratch);
+        self.writing([next], |d, [out]| {
+            // In stage 0 the state is the start; the start's own memory is the one before.
+            let start = d.fields.get(if substep.stage == 0 { state } else { start });
+            advect_scalar::run(&d.parameters, d.velocity(), d.fields.get(state), start, d.fields.get(slow), substep.stage_s(), out, &mut scratch);
+        });
+        self.scratch = scratch;
+    }
+
+    fn advect_momentum(&mut self, substep: &Substep) {
+        let mut scratch = std::mem::take(&mut self.scratch);
+        self.writing([Field::NextVelocityX, Field::NextVelocityY, Field::NextVelocityZ], |d, out| {
+            let start = if substep.stage == 0 {
+                d.velocity()
+            } else {
+                [Field::StartVelocityX, Field::StartVelocityY, Field::StartVelocityZ].map(|f| d.fields.get(f))
+            };
+            let slow = [Field::SlowVelocityX, Field::SlowVelocityY, Field::SlowVelocityZ].map(|f| d.fields.get(f));
+            advect_momentum::run(&d.parameters, d.velocity(), start, slow, d.fields.get(Field::Buoyancy), substep.stage_s(), out, &mut scratch);
+        });
+        self.scratch = scratch;
+    }
+
+    fn diffuse_scalar(&mut self, state: Field, slow: Field) {
+        self.writing([slow], |d, [out]| diffuse_scalar::run(&d.parameters, d.fields.get(state), d.fields.get(Field::EddyViscosity), out));
+    }
+
+    fn large_scale(&mut self, state: Field, slow: Field) {
+        self.writing([slow], |d, [out]| {
+            let source = match (&d.parameters.large_scale, state) {
+                (Some(weather), Field::Heat) => weather.heating_k_per_s.as_slice(),
+                (Some(weather), Field::Water) => weather.moistening_per_s.as_slice(),
+                _ => &[],
+            };
+            large_scale::run(&d.parameters, d.fields.get(state), source, out);
+        });
+    }
+
+    fn sponge(&mut self, substep_s: f32) {
+        for (state, slow) in [
+            (Field::VelocityX, Field::SlowVelocityX),
+            (Field::VelocityY, Field::SlowVelocityY),
+            (Field::VelocityZ, Field::SlowVelocityZ),
+            (Field::Heat, Field::SlowHeat),
+        ] {
+            self.writing([slow], |d, [out]| {
+                let p = &d.parameters;
+                let base: &[f32] = match state {
+                    Field::VelocityX => &p.base_wind_x_m_s,
+                    Field::VelocityY => &p.base_wind_y_m_s,
+                    Field::Heat => &p.base_heat_k,
+                    _ => &[],
+                };
+                sponge::run(p, d.fields.get(state), base, state == Field::VelocityZ, substep_s, out);
+            });
+        }
+    }
+}
+
+impl Device for Cpu {
+    fn name(&self) -> String {
+        "cpu".to_owned()
+    }
+
+    fn run(&mut self, pass: Pass, substep: &Substep) {
+        match pass {
+            Pass::SlowClear => {
+                for &field in Pass::SlowClear.info().writes {
+                    self.fields.get_mut(field).par_chunks_mut(1 << 14).for_each(|c| c.fill(0.0));
+                }
+            }
+            Pass::StepSaturation | Pass::Saturation | Pass::PublishSaturation => self.saturate(),
+            Pass::StepDryBuoyancy | Pass::DryBuoyancy => self.dry_buoyancy(),
+            Pass::EddyViscosity => self.writing([Field::EddyViscosity], |d, [out]| {
+                eddy_viscosity::run(&d.parameters, d.velocity(), d.fields.get(Field::Buoyancy), out);
+            }),
+            Pass::DiffuseMomentum => self.writing([Field::SlowVelocityX, Field::SlowVelocityY, Field::SlowVelocityZ], |d, out| {
+                diffuse_momentum::run(&d.parameters, d.velocity(), d.fields.get(Field::EddyViscosity), out);
+            }),
+            Pass::DiffuseHeat => self.diffuse_scalar(Field::Heat, Field::SlowHeat),
+            Pass::DiffuseWater => self.diffuse_scalar(Field::Water, Field::SlowWater),
+            Pass::SurfaceFlux => {
+                self.writing([Field::SlowVelocityX, Field::SlowVelocityY, Field::SlowHeat, Field::SlowWater], |d, [u, v, heat, water]| {
+                    surface_flux::run(&d.parameters, d.fields.get(Field::VelocityX), d.fields.get(Field::VelocityY), u, v, heat, water);
+                });
+            }
+            Pass::Coriolis => self.writing([Field::SlowVelocityX, Field::SlowVelocityY], |d, [u, v]| {
+                coriolis::run(&d.parameters, d.fields.get(Field::VelocityX), d.fields.get(Field::VelocityY), u, v);
+            }),
+            Pass::LargeScaleHeat => self.large_scale(Field::Heat, Field::SlowHeat),
+            Pass::LargeScaleWater => self.large_scale(Field::Water, Field::SlowWater),
+            Pass::LargeScaleMomentum => {
+                self.large_scale(Field::VelocityX, Field::SlowVelocityX);
+                self.large_scale(Field::VelocityY, Field::SlowVelocityY);
+            }
+            Pass::Sponge => self.sponge(substep.substep_s),
+            Pass::AdvectHeat => self.advect_scalar(Field::Heat, Field::StartHeat, Field::SlowHeat, Field::NextHeat, substep),
+            Pass::AdvectWater => self.advect_scalar(Field::Water, Field::StartWater, Field::SlowWater, Field::NextWater, substep),
+            Pass::AdvectMomentum => self.advect_momentum(substep),
+            Pass::PressureSolve => {
+                let Some(mut solver) = self.solver.take() else { return };
+                self.writing([Field::Pressure], |d, [out]| {
+                    let velocity = [Field::NextVelocityX, Field::NextVelocityY, Field::NextVelocityZ].map(|f| d.fields.get(f));
+                    solver.run(&d.parameters, velocity, substep.stage_s(), out);
+                });
+                self.solver = Some(solver);
+            }
+            Pass::Project => self.writing([Field::NextVelocityX, Field::NextVelocityY, Field::NextVelocityZ], |d, out| {
+                project::run(&d.parameters, d.fields.get(Field::Pressure), substep.stage_s(), out);
+            }),
+            Pass::CloudExtinction => self.writing([Field::Extinction], |d, [out]| {
+                cloud_extinction::run(&d.parameters, d.fields.get(Field::CloudWater), out);
+            }),
+        }
+    }
+
+    fn accept(&mut self, stage: usize) {
+        for (state, start, next) in [
+            (Field::VelocityX, Field::StartVelocityX, Field::NextVelocityX),
+            (Field::VelocityY, Field::StartVelocityY, Field::NextVelocityY),
+            (Field::VelocityZ, Field::StartVelocityZ, Field::NextVelocityZ),
+            (Field::Heat, Field::StartHeat, Field::NextHeat),
+            (Field::Water, Field::StartWater, Field::NextWater),
+        ] {
+            if stage == 0 {
+                self.fields.swap(state, start);
+            }
+            self.fields.swap(state, next);
+        }
+    }
+
+    fn reduce(&mut self) -> Reductions {
+        let mut levels = std::mem::take(&mut self.levels);
+        let reductions = reduce::run(&self.parameters, self.velocity(), self.fields.get(Field::EddyViscosity), &mut levels);
+        self.levels = levels;
+        reductions
+    }
+
+    fn read(&self, field: Field) -> Option<&[f32]> {
+        self.fields.planned(field)
+    }
+
+    fn write(&mut self, field: Field, values: &[f32]) -> bool {
+        let to = self.fields.get_mut(field);
+        if to.len() != values.len() {
+            return false;
+        }
+        to.copy_from_slice(values);
+        true
+    }
+
+    fn reduce_cloud(&self) -> Option<CloudReductions> {
+        let cloud = self.fields.planned(Field::CloudWater)?;
+        let wind = [Field::VelocityX, Field::VelocityY].map(|f| self.fields.get(f));
+        Some(reduce_cloud::run(&self.parameters, cloud, self.fields.get(Field::Water), self.fields.get(Field::Extinction), wind))
+    }
+
+    fn set_parameters(&mut self, parameters: &Parameters) {
+        self.parameters.clone_from(parameters);
+    }
+
+    fn solver_bytes(&self) -> usize {
+        self.solver.as_ref().map_or(0, Solver::bytes)
+    }
+
+    fn divergence_max_per_s(&self) -> f32 {
+        reduce::divergence_max_per_s(&self.parameters, self.velocity())
+    }
+}

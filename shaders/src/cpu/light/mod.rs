@@ -1,0 +1,15 @@
+//! Light on the CPU device: what the air and the clouds do to the sun's light before a ray of view asks for it.
+//!
+//! Radiances are relative to the sun's irradiance above the atmosphere, which is 1 in each of the three colours (680, 550 and
+//! 440 nm stand for red, green and blue).
+
+pub mod atmosphere;
+pub mod multiple_scattering_table;
+pub mod phase;
+pub mod sky_light;
+pub mod sky_table;
+pub mod sky_visibility;
+pub mod sun_optical_depth;
+pub mod transmittance_table;
+
+pub use atmosphere::Atmosphere;

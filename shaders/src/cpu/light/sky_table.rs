@@ -1,0 +1,149 @@
+//! Stage `sky_table`: the clear sky's radiance as seen from the camera.
+//!
+//! Reads: [`Atmosphere`], [`TransmittanceTable`], [`MultipleScatteringTable`], the sun's direction, the camera's height.
+//! Writes: radiance per unit of sun irradiance, `[colour 3][elevation 2 x 56][azimuth from the sun 48]`; the lower half
+//! of the rows looks at the ground and holds the light scattered in between, the upper half looks at space. Rows are dense near the
+//! horizon, columns near the sun. Scheme: single scattering by 28 steps, each integrated in closed form, plus the isotropic higher
+//! orders. Source: Hillaire (2020), section 5.3. The sun's disc is not in the table.
+
+use rayon::prelude::*;
+
+use super::atmosphere::{
+    AEROSOL_ASYMMETRY, Atmosphere, DEPTH_M, EARTH_RADIUS_M, distance_to_ground_m, distance_to_shell_m, height_along_m,
+};
+use super::multiple_scattering_table::{MultipleScatteringTable, local_sun_cosine};
+use super::phase::{henyey_greenstein, rayleigh};
+use super::transmittance_table::TransmittanceTable;
+use crate::cpu::view::lanes::Lanes;
+
+const HALF_ROWS: usize = 56;
+const COLUMNS: usize = 48;
+const STEPS: usize = 28;
+/// Light of the night sky itself, relative to the sun's irradiance: keeps a moonless night above black.
+const AIRGLOW: f32 = 2.0e-7;
+
+/// See the module.
+#[derive(Clone, Debug)]
+pub struct SkyTable {
+    planes: [Vec<f32>; 3],
+    /// Sine of the horizon's elevation; not above 0.
+    pub horizon_sine: f32,
+    sun_azimuth: [f32; 2],
+}
+
+/// Sine of the elevation of the horizon seen from `height_m`.
+pub fn horizon_sine(height_m: f32) -> f32 {
+    let q = 2.0 * height_m.max(0.0) / EARTH_RADIUS_M;
+    -(q / (1.0 + q)).sqrt()
+}
+
+impl SkyTable {
+    /// Computes the table; a few ms on two threads.
+    pub fn new(
+        air: &Atmosphere,
+        transmittance: &TransmittanceTable,
+        multiple: &MultipleScatteringTable,
+        sun_direction: [f32; 3],
+        height_m: f32,
+    ) -> SkyTable {
+        let horizon = horizon_sine(height_m);
+        let horizontal = (sun_direction[0].powi(2) + sun_direction[1].powi(2)).sqrt();
+        let sun = [horizontal, 0.0, sun_direction[2]];
+        let texels: Vec<[f32; 3]> = (0..2 * HALF_ROWS * COLUMNS)
+            .into_par_iter()
+            .map(|n| {
+                let (row, column) = (n / COLUMNS, n % COLUMNS);
+                let x = column as f32 / (COLUMNS - 1) as f32;
+                let below = row < HALF_ROWS;
+                let v = (row % HALF_ROWS) as f32 / (HALF_ROWS - 1) as f32;
+                let sine = if below { horizon - v * v * (1.0 + horizon) } else { horizon + v * v * (1.0 - horizon) };
+                let side = (1.0 - sine * sine).max(0.0).sqrt();
+                let cosine = 1.0 - 2.0 * x * x;
+                let direction = [side * cosine, side * (1.0 - cosine * cosine).max(0.0).sqrt(), sine];
+                radiance(air, transmittance, multiple, height_m, direction, sun, Some(below))
+            })
+            .collect();
+        SkyTable {
+            planes: [0, 1, 2].map(|c| texels.iter().map(|t| t[c]).collect()),
+            horizon_sine: horizon,
+            sun_azimuth: if horizontal > 1e-4 {
+                [sun_direction[0] / horizontal, sun_direction[1] / horizontal]
+            } else {
+                [1.0, 0.0]
+            },
+        }
+    }
+    /// Radiance of 16 unit directions.
+    #[inline(always)]
+    pub(crate) fn look(&self, direction: &[Lanes; 3]) -> [Lanes; 3] {
+        let side = (direction[0] * direction[0] + direction[1] * direction[1]).sqrt();
+        let along = direction[0] * self.sun_azimuth[0] + direction[1] * self.sun_azimuth[1];
+        let cosine = along / side.max(Lanes::splat(1e-5));
+        let x = ((Lanes::splat(1.0) - cosine) * 0.5).sqrt().clamp(0.0, 1.0) * (COLUMNS - 1) as f32;
+        let s = direction[2] - self.horizon_sine;
+        let above = (s * (1.0 / (1.0 - self.horizon_sine))).sqrt();
+        let below = (s * (-1.0 / (1.0 + self.horizon_sine))).sqrt();
+        let zero = Lanes::splat(0.0);
+        let v = Lanes::select_less(s, zero, below, above).clamp(0.0, 1.0) * (HALF_ROWS - 1) as f32;
+        let (i, fx) = x.min(Lanes::splat(COLUMNS as f32 - 1.001)).split();
+        let (j, fy) = v.min(Lanes::splat(HALF_ROWS as f32 - 1.001)).split();
+        let mut index = i;
+        for l in 0..index.0.len() {
+            let half = if s.0[l] < 0.0 { 0 } else { HALF_ROWS as u32 };
+            index.0[l] = i.0[l] + (j.0[l] + half) * COLUMNS as u32;
+        }
+        let mut seen = [Lanes::splat(0.0); 3];
+        for (light, plane) in seen.iter_mut().zip(&self.planes) {
+            let row = COLUMNS as u32;
+            let low = index.gather_f32(plane).lerp(index.plus(1).gather_f32(plane), fx);
+            let high = index.plus(row).gather_f32(plane).lerp(index.plus(row + 1).gather_f32(plane), fx);
+            *light = low.lerp(high, fy);
+        }
+        seen
+    }
+}
+
+/// Radiance per unit of sun irradiance along `direction` from `height_m`, light from the ground left out. `to_ground` says
+/// whether the ray ends at the ground; `None` works it out.
+pub fn radiance(
+    air: &Atmosphere,
+    transmittance: &TransmittanceTable,
+    multiple: &MultipleScatteringTable,
+    height_m: f32,
+    direction: [f32; 3],
+    sun: [f32; 3],
+    to_ground: Option<bool>,
+) -> [f32; 3] {
+    let mu = direction[2];
+    let hit = distance_to_ground_m(height_m, mu);
+    let horizon_m = (height_m * (2.0 * EARTH_RADIUS_M + height_m)).max(0.0).sqrt();
+    let whole = match (to_ground, hit) {
+        (Some(true), hit) => hit.unwrap_or(horizon_m),
+        (None, Some(distance)) => distance,
+        _ => distance_to_shell_m(height_m, mu, DEPTH_M),
+    };
+    let turn = direction[0] * sun[0] + direction[1] * sun[1] + direction[2] * sun[2];
+    let (molecules, aerosol) = (rayleigh(turn), henyey_greenstein(AEROSOL_ASYMMETRY, turn));
+    let mut light = [0.0f32; 3];
+    let mut through = [1.0f32; 3];
+    let mut before = 0.0;
+    for s in 0..STEPS {
+        let f = (s + 1) as f32 / STEPS as f32;
+        let after = whole * f * f;
+        let at = 0.5 * (before + after);
+        let h = height_along_m(height_m, mu, at).max(0.0);
+        let local_mu = local_sun_cosine(height_m, direction, sun, at, h);
+        let c = air.at(h);
+        let lit = transmittance.of_sun(h, local_mu);
+        let higher = multiple.at(h, local_mu);
+        for k in 0..3 {
+            let source = lit[k] * (c.rayleigh_per_m[k] * molecules + c.aerosol_per_m * aerosol)
+                + (higher[k] + AIRGLOW) * (c.rayleigh_per_m[k] + c.aerosol_per_m);
+            let kept = (-c.extinction_per_m[k] * (after - before)).exp();
+            light[k] += through[k] * source * (1.0 - kept) / c.extinction_per_m[k].max(1e-12);
+            through[k] *= kept;
+        }
+        before = after;
+    }
+    light
+}

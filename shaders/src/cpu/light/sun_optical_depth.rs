@@ -1,0 +1,129 @@
+//! Stage `sun_optical_depth`: how much cloud lies between a place and the sun.
+//!
+//! Reads: [`Shape`], the sky's visibility at cell centres, the sun's direction. Writes: [`SunLight`]: at every point of the shape near cloud,
+//! packed in 32 bits, the optical depth towards the sun (16 bits, steps of 0.001, up to 65) and the two visibilities (8 bits
+//! each); and a map of the optical depth seen from the clouds' lowest level, `[y][x]` as the shape's points, for shadows on
+//! the ground. Scheme: a march from each point, steps of 30 m growing with distance, midpoint rule, empty space skipped, to
+//! 12 km or to the top. A sun lower than 1.5 degrees is marched to at 1.5 degrees.
+
+use multiversion::multiversion;
+use rayon::prelude::*;
+
+use crate::cpu::view::lanes::{LANES, Lanes};
+use crate::cpu::view::shape::Shape;
+
+/// Optical depth a unit of the packed 16 bits.
+pub const DEPTH_UNIT: f32 = 0.001;
+/// Points farther than this from cloud, m, are left empty.
+const MARGIN_M: f32 = 130.0;
+/// No march goes farther, m.
+const REACH_M: f32 = 12_000.0;
+
+/// See the module.
+#[derive(Clone, Debug)]
+pub struct SunLight {
+    /// Optical depth and visibilities, laid out as [`Shape::words`].
+    pub words: Vec<u32>,
+    /// Optical depth towards the sun from the shape's lowest level, laid out as one padded level of the shape.
+    pub shadow: Vec<f32>,
+    /// Mean over the map of the share of sunlight that passes the clouds.
+    pub sunlit_share: f32,
+}
+
+/// The sun's direction as it is marched to: never lower than 1.5 degrees, a unit vector.
+pub fn marched_direction(sun_direction: [f32; 3]) -> [f32; 3] {
+    let z = sun_direction[2].clamp(0.026, 1.0);
+    let side = (sun_direction[0].powi(2) + sun_direction[1].powi(2)).sqrt();
+    let scale = (1.0 - z * z).sqrt();
+    let [x, y] = if side > 1e-6 { [sun_direction[0] / side, sun_direction[1] / side] } else { [1.0, 0.0] };
+    [x * scale, y * scale, z]
+}
+
+impl SunLight {
+    /// Marches from every point.
+    pub fn new(shape: &Shape, visibility: &[Vec<f32>; 2], carved: bool, sun_direction: [f32; 3]) -> SunLight {
+        let sun = marched_direction(sun_direction);
+        let level_len = shape.stride[0] * shape.stride[1];
+        let mut words = vec![0u32; shape.words.len()];
+        words.par_chunks_mut(level_len).enumerate().for_each(|(k, level)| {
+            let up = shape.smoothed_level(&visibility[0], k);
+            let down = shape.smoothed_level(&visibility[1], k);
+            fill_level(shape, carved, &sun, k, &up, &down, level);
+        });
+        let mut shadow = vec![0.0f32; level_len];
+        shadow.par_chunks_mut(shape.stride[0]).enumerate().for_each(|(y, row)| fill_shadow_row(shape, carved, &sun, y, row));
+        let sunlit_share = shadow.iter().map(|t| (-t).exp()).sum::<f32>() / level_len as f32;
+        SunLight { words, shadow, sunlit_share }
+    }
+}
+
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma",
+    "x86_64+avx2+fma",
+    "aarch64+neon"
+))]
+fn fill_level(shape: &Shape, carved: bool, sun: &[f32; 3], k: usize, up: &[f32], down: &[f32], level: &mut [u32]) {
+    let width = shape.stride[0];
+    let z = Lanes::splat(shape.bottom_m + (k as f32 + 0.5) * shape.point_spacing_m[2]);
+    for (n, row) in level.chunks_mut(width).enumerate() {
+        let y = Lanes::splat((n as f32 - 0.5) * shape.point_spacing_m[1]);
+        for first in (0..width).step_by(LANES) {
+            let x = Lanes::from_fn(|l| ((first + l) as f32 - 0.5) * shape.point_spacing_m[0]);
+            let near = Lanes::splat(MARGIN_M) - shape.empty_distance_m(x, y, z);
+            if !near.any_above(0.0) {
+                continue;
+            }
+            let depth = optical_depth(shape, carved, sun, x, y, z, near);
+            for l in 0..LANES.min(width - first) {
+                let d = (depth.0[l] / DEPTH_UNIT).min(65_535.0) as u32;
+                let share = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u32;
+                let at = n * width + first + l;
+                row[first + l] = d | share(up[at]) << 16 | share(down[at]) << 24;
+            }
+        }
+    }
+}
+
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma",
+    "x86_64+avx2+fma",
+    "aarch64+neon"
+))]
+fn fill_shadow_row(shape: &Shape, carved: bool, sun: &[f32; 3], n: usize, row: &mut [f32]) {
+    let z = Lanes::splat(shape.bottom_m);
+    let y = Lanes::splat((n as f32 - 0.5) * shape.point_spacing_m[1]);
+    for first in (0..row.len()).step_by(LANES) {
+        let x = Lanes::from_fn(|l| ((first + l) as f32 - 0.5) * shape.point_spacing_m[0]);
+        let depth = optical_depth(shape, carved, sun, x, y, z, Lanes::splat(1.0));
+        for l in 0..LANES.min(row.len() - first) {
+            row[first + l] = depth.0[l];
+        }
+    }
+}
+
+#[inline(always)]
+fn optical_depth(shape: &Shape, carved: bool, sun: &[f32; 3], x: Lanes, y: Lanes, z: Lanes, wanted: Lanes) -> Lanes {
+    let zero = Lanes::splat(0.0);
+    let mut depth = zero;
+    let mut t = zero;
+    // Lanes that are not wanted start at the end.
+    let end = Lanes::select_less(zero, wanted, ((Lanes::splat(shape.top_m) - z) / sun[2]).min(Lanes::splat(REACH_M)), zero);
+    for _ in 0..200 {
+        if !(end - t).any_above(0.0) {
+            break;
+        }
+        let step = t * 0.06 + 30.0;
+        let at = t + step * 0.5;
+        let (px, py, pz) = (x + at * sun[0], y + at * sun[1], z + at * sun[2]);
+        let empty = shape.empty_distance_m(px, py, pz);
+        let inside = Lanes::select_less(zero, empty, zero, Lanes::select_less(at, end, Lanes::splat(1.0), zero));
+        if inside.any_above(0.0) {
+            let (cover, amplitude) = shape.sample(px, py, pz);
+            depth = depth + shape.mean_extinction(cover, amplitude, carved) * step * inside;
+        }
+        t = t + step.max(empty);
+        // Deep enough: nothing more to learn.
+        t = Lanes::select_less(Lanes::splat(60.0), depth, end, t);
+    }
+    depth
+}

@@ -1,0 +1,23 @@
+//! The dynamics, one file a stage.
+
+pub mod advect;
+pub mod advect_momentum;
+pub mod advect_scalar;
+pub mod cloud_extinction;
+pub mod coriolis;
+pub mod diffuse_momentum;
+pub mod diffuse_scalar;
+pub mod dry_buoyancy;
+pub mod eddy_viscosity;
+pub mod large_scale;
+pub mod parameters;
+pub mod pressure_solve;
+pub mod project;
+pub mod reduce;
+pub mod reduce_cloud;
+pub mod saturation_adjustment;
+pub mod slab;
+pub mod sponge;
+pub mod surface_flux;
+
+pub use parameters::Parameters;

@@ -1,0 +1,82 @@
+//! What the passes are told besides fields: the grid, the reference state and each effect's numbers.
+
+use crate::grid::Grid;
+
+/// Everything constant over a run. Profiles have one value a level, at cell centres, unless said otherwise.
+#[derive(Clone, Debug)]
+pub struct Parameters {
+    /// The grid.
+    pub grid: Grid,
+    /// Reference density, kg/m3.
+    pub density_kg_m3: Vec<f32>,
+    /// Reference density at the faces, ground to lid, kg/m3; one value more than levels.
+    pub density_at_z_face_kg_m3: Vec<f32>,
+    /// Reference pressure, Pa.
+    pub pressure_pa: Vec<f32>,
+    /// `(p / p_ref) ^ kappa`.
+    pub exner: Vec<f32>,
+    /// Reference virtual potential temperature, K.
+    pub virtual_potential_temperature_k: Vec<f32>,
+    /// Liquid-water potential temperature that `Field::Heat` counts from, K: one number for the scene.
+    pub heat_reference_k: f32,
+    /// `Field::Heat` of the base state, K; what the sponge draws to.
+    pub base_heat_k: Vec<f32>,
+    /// Base wind towards the east, m/s.
+    pub base_wind_x_m_s: Vec<f32>,
+    /// Base wind towards the north, m/s.
+    pub base_wind_y_m_s: Vec<f32>,
+    /// Smagorinsky-Lilly.
+    pub turbulence: Option<Turbulence>,
+    /// The ground's fluxes.
+    pub surface: Option<Surface>,
+    /// Rotation.
+    pub coriolis: Option<Coriolis>,
+    /// Larger weather.
+    pub large_scale: Option<LargeScale>,
+    /// Damping rates under the lid, 1/s, at centres and at lower faces.
+    pub sponge: Option<[Vec<f32>; 2]>,
+    /// Droplets a cubic metre of cloud; sets extinction.
+    pub droplet_number_per_m3: f32,
+}
+
+/// Parameters of the eddy viscosity.
+#[derive(Clone, Debug)]
+pub struct Turbulence {
+    /// Smagorinsky's coefficient.
+    pub coefficient: f32,
+    /// Viscosity over diffusivity.
+    pub prandtl: f32,
+}
+
+/// Parameters of the ground.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    /// Kinematic heat flux, K m/s.
+    pub heat_flux_k_m_s: f32,
+    /// Kinematic moisture flux, kg/kg m/s.
+    pub moisture_flux_m_s: f32,
+    /// Friction velocity, m/s.
+    pub friction_velocity_m_s: f32,
+}
+
+/// Parameters of the rotation.
+#[derive(Clone, Debug)]
+pub struct Coriolis {
+    /// Coriolis parameter, 1/s.
+    pub parameter_per_s: f32,
+    /// Geostrophic wind towards the east, m/s.
+    pub wind_x_m_s: Vec<f32>,
+    /// Geostrophic wind towards the north, m/s.
+    pub wind_y_m_s: Vec<f32>,
+}
+
+/// Parameters of the larger weather.
+#[derive(Clone, Debug)]
+pub struct LargeScale {
+    /// Vertical wind, m/s.
+    pub vertical_wind_m_s: Vec<f32>,
+    /// Heating, K/s.
+    pub heating_k_per_s: Vec<f32>,
+    /// Moistening, 1/s.
+    pub moistening_per_s: Vec<f32>,
+}

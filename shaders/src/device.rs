@@ -1,0 +1,79 @@
+//! What a device is: it owns fields and runs passes. The tick's logic is above it, the same for every device.
+
+use crate::catalogue::{Field, Pass};
+use crate::cpu::sim::Parameters;
+
+/// Which part of a substep is being computed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Substep {
+    /// Length of the whole substep, s.
+    pub substep_s: f32,
+    /// Which Runge-Kutta stage, 0 to 2.
+    pub stage: usize,
+}
+
+impl Substep {
+    /// Time from the substep's start to this stage's result, s: a third, a half, the whole
+    /// (three-stage Runge-Kutta after Wicker and Skamarock 2002).
+    pub fn stage_s(&self) -> f32 {
+        self.substep_s * [1.0 / 3.0, 0.5, 1.0][self.stage]
+    }
+}
+
+/// A tick's small block of reductions.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Reductions {
+    /// Largest sum over the directions of speed over cell size, 1/s: a substep's Courant number over its length.
+    pub courant_rate_per_s: f32,
+    /// Largest horizontal wind component, m/s.
+    pub wind_max_m_s: f32,
+    /// Largest upward wind, m/s.
+    pub updraught_max_m_s: f32,
+    /// Largest eddy viscosity, m2/s.
+    pub viscosity_max_m2_s: f32,
+    /// Whether every number seen is finite.
+    pub finite: bool,
+}
+
+/// A tick's few numbers on the cloud.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CloudReductions {
+    /// Share of columns with cloud, 0 to 1.
+    pub cover: f64,
+    /// Bottom of the lowest cloudy cell, m.
+    pub base_m: Option<f64>,
+    /// Top of the highest cloudy cell, m.
+    pub top_m: Option<f64>,
+    /// Mean cloud water path, kg/m2.
+    pub liquid_water_path_kg_m2: f64,
+    /// Mean path of all water, kg/m2.
+    pub total_water_path_kg_m2: f64,
+    /// Levels with any extinction: first, and one past the last; equal where there is none.
+    pub lit_levels: [usize; 2],
+    /// Mean wind of the cloudy air east and north, weighted by cloud water, m/s.
+    pub wind_m_s: Option<[f64; 2]>,
+}
+
+/// Owns the fields of one world and runs passes on them.
+pub trait Device: Send {
+    /// Its name, for people: `cpu`, or the adapter's.
+    fn name(&self) -> String;
+    /// Runs one pass.
+    fn run(&mut self, pass: Pass, substep: &Substep);
+    /// Makes a Runge-Kutta stage's result the state. In stage 0 the old state becomes the substep's start.
+    fn accept(&mut self, stage: usize);
+    /// Reductions over the state.
+    fn reduce(&mut self) -> Reductions;
+    /// A field's values, `[z][y][x]`; none if the plan doesn't hold it.
+    fn read(&self, field: Field) -> Option<&[f32]>;
+    /// Replaces a field's values; `false` (and nothing written) if the plan doesn't hold the field or the length differs.
+    fn write(&mut self, field: Field, values: &[f32]) -> bool;
+    /// Reductions over the cloud, valid after the publish passes; none if the plan has no cloud.
+    fn reduce_cloud(&self) -> Option<CloudReductions>;
+    /// Replaces the parameters of effects and the base wind; the grid and the reference state stay.
+    fn set_parameters(&mut self, parameters: &Parameters);
+    /// Bytes held beside fields: a pressure solver's factors and spectra.
+    fn solver_bytes(&self) -> usize;
+    /// Largest divergence of the mass flux over the density, 1/s.
+    fn divergence_max_per_s(&self) -> f32;
+}

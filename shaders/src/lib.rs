@@ -1,0 +1,14 @@
+//! Every stage of Welkin once: the catalogue, the constants, and the devices' kernels.
+//!
+//! No I/O, no environment, no clock: fields and parameters go in, fields and pixels come out.
+
+pub mod catalogue;
+pub mod constants;
+pub mod cpu;
+pub mod device;
+pub mod grid;
+pub mod volume;
+
+pub use device::{CloudReductions, Device, Reductions, Substep};
+pub use grid::Grid;
+pub use volume::CloudVolume;

@@ -1,0 +1,321 @@
+// Drives the page in a headless Chromium and says what holds. Started by page.rs:
+//
+//   node page.mjs URL OUT_DIR      with WELKIN_CHROMIUM naming the browser
+//
+// It asks its parent for the server's death and return by the lines STOP and START on standard output, and waits for
+// STOPPED and STARTED on standard input. Exit code 0 says that every check held; a failed check is named on standard error.
+
+import { mkdirSync } from "node:fs";
+import { createInterface } from "node:readline";
+import { chromium } from "playwright-core";
+
+const [url, outDir] = process.argv.slice(2);
+const executablePath = process.env.WELKIN_CHROMIUM;
+if (!url || !outDir || !executablePath) {
+  console.error("usage: WELKIN_CHROMIUM=/path/to/chromium node page.mjs URL OUT_DIR");
+  process.exit(2);
+}
+mkdirSync(outDir, { recursive: true });
+
+// Whatever hangs, this ends.
+const WHOLE_LIMIT_MS = 240_000;
+const STEP_LIMIT_MS = 60_000;
+const watchdog = setTimeout(() => {
+  console.error(`FAILED: not done after ${WHOLE_LIMIT_MS / 1000} s`);
+  process.exit(3);
+}, WHOLE_LIMIT_MS);
+
+const lines = createInterface({ input: process.stdin })[Symbol.asyncIterator]();
+
+/** Asks the parent for something and waits until it is done. */
+async function askParent(request, answer) {
+  console.log(request);
+  const { value, done } = await lines.next();
+  if (done || value.trim() !== answer) {
+    throw new Error(`the parent answered ${JSON.stringify(value)} to ${request}, not ${answer}`);
+  }
+}
+
+/** Waits until a condition holds; the error says what did not come about, and what was seen last. */
+async function until(what, probe, limitMs = STEP_LIMIT_MS) {
+  const end = Date.now() + limitMs;
+  let seen;
+  do {
+    seen = await probe();
+    if (seen === true || (typeof seen === "object" && seen !== null && seen.ok)) {
+      return seen;
+    }
+    await new Promise((resolve) => setTimeout(resolve, 100));
+  } while (Date.now() < end);
+  throw new Error(`${what}: not within ${limitMs / 1000} s; seen last: ${JSON.stringify(seen)}`);
+}
+
+function check(what, holds, seen) {
+  if (!holds) {
+    throw new Error(`${what}; seen: ${JSON.stringify(seen)}`);
+  }
+  console.error(`ok: ${what}`);
+}
+
+/** A digest of the canvas: its size, the spread of its brightness, and a 16 x 9 thumbnail. */
+const picture = (page) =>
+  page.evaluate(() => {
+    const canvas = document.querySelector("#sky");
+    const small = document.createElement("canvas");
+    small.width = 16;
+    small.height = 9;
+    const context = small.getContext("2d");
+    context.drawImage(canvas, 0, 0, 16, 9);
+    const data = [...context.getImageData(0, 0, 16, 9).data];
+    const bright = data.filter((_, i) => i % 4 === 1);
+    return {
+      width: canvas.width,
+      height: canvas.height,
+      spread: Math.max(...bright) - Math.min(...bright),
+      brightest: Math.max(...bright),
+      data,
+    };
+  });
+
+/** Mean difference of two thumbnails, grey levels. */
+const difference = (a, b) => a.data.reduce((sum, v, i) => sum + Math.abs(v - b.data[i]), 0) / a.data.length;
+
+const text = (page, selector) => page.locator(selector).textContent();
+const tickOf = async (page) => Number(await text(page, "#n-tick"));
+
+/** Sets a slider as a person does, with its events. */
+const slide = (page, selector, value) =>
+  page.locator(selector).evaluate((input, v) => {
+    input.value = String(v);
+    input.dispatchEvent(new Event("input", { bubbles: true }));
+    input.dispatchEvent(new Event("change", { bubbles: true }));
+  }, value);
+
+const browser = await chromium.launch({
+  executablePath,
+  timeout: 60_000,
+  args: [
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+  ],
+});
+
+let failed = false;
+try {
+  const page = await browser.newPage({ viewport: { width: 1280, height: 720 } });
+  page.setDefaultTimeout(STEP_LIMIT_MS);
+  /** @type {string[]} */
+  const complaints = [];
+  // While the server is away, the browser itself logs every request that fails.
+  let serverMayBeAway = false;
+  page.on("console", (message) => {
+    if (message.type() === "error" && !serverMayBeAway) {
+      complaints.push(message.text());
+    }
+  });
+  page.on("pageerror", (error) => complaints.push(String(error)));
+  const foreign = [];
+  page.on("request", (request) => {
+    const host = new URL(request.url()).host;
+    if (host !== new URL(url).host && !request.url().startsWith("blob:")) {
+      foreign.push(request.url());
+    }
+  });
+  /** The frame wishes that the page sent, newest last. */
+  const wishes = [];
+  const commands = [];
+  page.on("websocket", (socket) =>
+    socket.on("framesent", ({ payload }) => {
+      const message = JSON.parse(String(payload));
+      (message.type === "frames" ? wishes : commands).push(message);
+    }),
+  );
+
+  await page.goto(url, { waitUntil: "load" });
+  await until("a picture that is not blank", async () => {
+    const { spread, brightest, width } = await picture(page);
+    return { ok: spread > 10 && brightest > 30, spread, brightest, width };
+  });
+  check("the picture has the size that the page asked for", (await picture(page)).width === 640, (await picture(page)).width);
+  await until("ticks count up", async () => {
+    const tick = await tickOf(page);
+    return { ok: tick > 0, tick };
+  });
+  const firstTick = await tickOf(page);
+  await until("the tick goes on", async () => (await tickOf(page)) > firstTick);
+  for (const id of ["simulated", "tick-ms", "speed", "updraught", "wind"]) {
+    await until(`number ${id} is filled in`, async () => {
+      const value = await text(page, `#n-${id}`);
+      return { ok: /\d/.test(value ?? ""), value };
+    });
+  }
+  await until("a frame's cost is shown", async () => /\d.*ms/.test((await text(page, "#n-frame-ms")) ?? ""));
+  check("the simulated time is a date in UTC", /^\d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC$/.test(await text(page, "#utc")), await text(page, "#utc"));
+  await until("the picture rate is counted", async () => {
+    const rate = parseFloat((await text(page, "#n-frames")) ?? "");
+    return { ok: rate > 0, rate };
+  });
+  // The rate is counted over three seconds.
+  await new Promise((resolve) => setTimeout(resolve, 4000));
+  console.error(`figure: ${await text(page, "#n-frames")} pictures at 640x360, ${await text(page, "#n-frame-ms")} a frame`);
+  await until("spark lines are drawn", () =>
+    page.locator("#n-tick-ms + canvas").evaluate((canvas) => {
+      const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+      return pixels.some((v) => v > 0);
+    }),
+  );
+  await page.screenshot({ path: `${outDir}/desktop.png`, timeout: STEP_LIMIT_MS });
+
+  // Looking around.
+  const lookBefore = await text(page, "#look");
+  const pictureBefore = await picture(page);
+  await page.mouse.move(300, 300);
+  await page.mouse.down();
+  const wishesBefore = wishes.length;
+  const dragStart = Date.now();
+  for (let step = 1; step <= 20; step++) {
+    await page.mouse.move(300 + 20 * step, 300 + 8 * step);
+    await new Promise((resolve) => setTimeout(resolve, 20));
+  }
+  const dragSeconds = (Date.now() - dragStart) / 1000;
+  const sentInDrag = wishes.length - wishesBefore;
+  await page.mouse.up();
+  const lookAfter = await text(page, "#look");
+  check("a drag turns the camera", lookBefore !== lookAfter, { lookBefore, lookAfter });
+  check("a drag sends no more than about ten cameras a second", sentInDrag >= 1 && sentInDrag <= 2 + 10.5 * dragSeconds, {
+    sentInDrag,
+    dragSeconds,
+  });
+  await until("the picture follows the drag", async () => {
+    const moved = difference(pictureBefore, await picture(page));
+    return { ok: moved > 2, moved };
+  });
+  await page.locator("#sky").focus();
+  await page.keyboard.press("ArrowRight");
+  check("an arrow key turns the camera", (await text(page, "#look")) !== lookAfter, await text(page, "#look"));
+  await page.mouse.move(300, 300);
+  const fovBefore = await text(page, "#fov-out");
+  await page.mouse.wheel(0, -240);
+  await until("the wheel changes the angle of view", async () => (await text(page, "#fov-out")) !== fovBefore);
+  await page.locator('button[data-place="up"]').click();
+  await until("straight up is asked for", async () => wishes.at(-1)?.camera?.elevation_deg === 90);
+  await page.locator('button[data-place="aloft"]').click();
+  await until("500 m is asked for", async () => wishes.at(-1)?.camera?.position_m[2] === 500);
+  await page.locator('button[data-place="scene"]').click();
+
+  // A sky that is still being grown runs flat out and may not be at its pace yet.
+  await until("the spin-up ends", async () => page.locator("#spin-up").isHidden());
+
+  await page.locator("#pause").click();
+  await until("the button says Resume", async () => (await text(page, "#pause")) === "Resume");
+  const stoppedAt = await tickOf(page);
+  await new Promise((resolve) => setTimeout(resolve, 1500));
+  check("pause stops the tick", (await tickOf(page)) === stoppedAt, { stoppedAt, now: await tickOf(page) });
+  await page.locator("#pause").click();
+  await until("resume starts it again", async () => (await tickOf(page)) > stoppedAt);
+
+  await slide(page, "#time-scale", 0.3);
+  await until("the time scale is sent", async () => commands.some((m) => m.command?.command === "time_scale" && Math.abs(m.command.time_scale - 2) < 0.01));
+  await new Promise((resolve) => setTimeout(resolve, 2500));
+  check("the server runs at the new time scale", Math.abs((await page.locator("#time-scale").evaluate((e) => e.valueAsNumber)) - 0.3) < 0.03,
+    await text(page, "#time-scale-out"));
+
+  // Clouds drift by themselves: a low sun must change the picture by far more than two seconds of weather do.
+  const early = await picture(page);
+  await new Promise((resolve) => setTimeout(resolve, 2000));
+  const noon = await picture(page);
+  const drift = difference(early, noon);
+  await slide(page, "#sun-elevation", 3);
+  await until("the sun sinks in the picture", async () => {
+    const changed = difference(noon, await picture(page));
+    return { ok: changed > 3 + 2 * drift, changed, drift };
+  });
+  await new Promise((resolve) => setTimeout(resolve, 2000));
+  check("the sun stays where it was put", (await text(page, "#sun-elevation-out")) === "3.0°", await text(page, "#sun-elevation-out"));
+  await page.locator("#sun-clock").click();
+  await until("the clock has the sun again", async () => (await text(page, "#sun-elevation-out")) !== "3.0°");
+
+  await page.locator("#quality").selectOption("0");
+  await until("a smaller picture comes", async () => (await picture(page)).width === 320);
+
+  // Another scene.
+  const aboutBefore = await text(page, "#about");
+  const names = (await page.locator("#scene option").evaluateAll((all) => all.map((o) => o.value))).filter((v) => v !== "");
+  check("scenes are on offer", names.length >= 2, names);
+  await page.locator("#scene").selectOption(names.find((name) => /clear|wind/.test(name)) ?? names.at(-1));
+  await until("the page goes to the new world", async () => (await text(page, "#about")) !== aboutBefore);
+  await until("its ticks arrive", async () => (await tickOf(page)) > 0);
+  check("nothing went wrong on the way", await page.locator("#notice").isHidden(), await text(page, "#notice-text"));
+  const worlds = async () => (await (await fetch(`${url}/v1/worlds`)).json()).length;
+  const worldsBefore = await worlds();
+  const aboutOwn = await text(page, "#about");
+  await page.locator("#scene").selectOption(names[0]);
+  await until("a further scene replaces the page's own world", async () => (await text(page, "#about")) !== aboutOwn);
+  await until("which is then gone", async () => (await worlds()) === worldsBefore);
+
+  check("no errors in the console", complaints.length === 0, complaints);
+  check("nothing is asked of another host", foreign.length === 0, foreign);
+
+  // The server goes, and comes back.
+  serverMayBeAway = true;
+  await askParent("STOP", "STOPPED");
+  await until("the banner says that the connection is lost", async () => {
+    const shown = await page.locator("#banner").isVisible();
+    return { ok: shown && /Connection lost — trying again in \d+ s/.test((await text(page, "#banner")) ?? ""), shown };
+  });
+  await page.screenshot({ path: `${outDir}/lost.png`, timeout: STEP_LIMIT_MS });
+  await new Promise((resolve) => setTimeout(resolve, 2500));
+  await askParent("START", "STARTED");
+  await until("the banner goes when the server is back", async () => page.locator("#banner").isHidden());
+  await until("ticks go on after the return", async () => {
+    const before = await tickOf(page);
+    await new Promise((resolve) => setTimeout(resolve, 700));
+    return (await tickOf(page)) > before;
+  });
+  check("no script failed meanwhile", complaints.length === 0, complaints);
+  await page.close();
+
+  // A phone.
+  const phone = await browser.newPage({
+    viewport: { width: 360, height: 740 },
+    deviceScaleFactor: 2,
+    isMobile: true,
+    hasTouch: true,
+  });
+  phone.setDefaultTimeout(STEP_LIMIT_MS);
+  await phone.goto(url, { waitUntil: "load" });
+  await until("a phone gets an upright picture", async () => {
+    const { width, height, spread } = await picture(phone);
+    return { ok: height > width && spread > 10, width, height, spread };
+  });
+  const overflow = () => phone.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
+  check("no sideways overflow on a phone", (await overflow()) <= 0, await overflow());
+  await phone.screenshot({ path: `${outDir}/phone.png`, timeout: STEP_LIMIT_MS });
+  await phone.locator("#panel-toggle").tap();
+  await until("the panel opens", async () => phone.locator("#panel-body").isVisible());
+  check("nor with the panel open", (await overflow()) <= 0, await overflow());
+  const outside = await phone.evaluate(() =>
+    [...document.querySelectorAll("#panel *")]
+      .filter((e) => {
+        const box = e.getBoundingClientRect();
+        return box.width > 0 && (box.left < -1 || box.right > innerWidth + 1);
+      })
+      .map((e) => e.id || e.tagName),
+  );
+  check("every control is within the screen's width", outside.length === 0, outside);
+  await phone.screenshot({ path: `${outDir}/phone-panel.png`, timeout: STEP_LIMIT_MS });
+} catch (error) {
+  failed = true;
+  console.error(`FAILED: ${error instanceof Error ? error.message : error}`);
+} finally {
+  // Closing has been seen to hang: it gets its time, and then the process ends all the same.
+  await Promise.race([browser.close().catch(() => null), new Promise((resolve) => setTimeout(resolve, 15_000))]);
+  clearTimeout(watchdog);
+}
+console.log(failed ? "FAILED" : "PASSED");
+process.exit(failed ? 1 : 0);

@@ -1,0 +1,186 @@
+//! The web page in a real browser against a real server: `page.mjs` drives a headless Chromium; this side finds the tools,
+//! runs the server, and takes it away and brings it back when the driver asks for that.
+
+use std::io::{BufRead, BufReader, Write};
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::{Duration, Instant};
+
+use tokio::net::TcpListener;
+use tokio::runtime::Runtime;
+use tokio::sync::oneshot;
+use tokio::task::JoinHandle;
+use welkin_proto::{Scene, presets};
+use welkin_server::http::{AppState, serve_until};
+use welkin_server::limits::Limits;
+
+/// The driver ends by itself after four minutes; this is for a driver that does not.
+const DRIVER_LIMIT: Duration = Duration::from_secs(270);
+
+/// A server that can be stopped and started again on the same port.
+struct Server {
+    stop: oneshot::Sender<()>,
+    serving: JoinHandle<std::io::Result<()>>,
+    address: SocketAddr,
+}
+
+impl Server {
+    async fn start(address: SocketAddr) -> Self {
+        let listener = TcpListener::bind(address).await.expect("the port is free");
+        let address = listener.local_addr().expect("a bound listener has an address");
+        let state = AppState::new(Limits::default(), None).expect("the server starts");
+        state.create_world(small_scene()).await.expect("the scene is good");
+        let (stop, stopped) = oneshot::channel();
+        let stopping = async move {
+            let _ = stopped.await; // a sender that was dropped stops it too
+        };
+        let serving = tokio::spawn(serve_until(listener, state, stopping));
+        Self { stop, serving, address }
+    }
+
+    async fn stop(self) {
+        let _ = self.stop.send(());
+        self.serving
+            .await
+            .expect("the server does not panic")
+            .expect("serving ends well");
+    }
+}
+
+/// Fair-weather cumulus on few cells, so that the browser and the server get by on two cores.
+fn small_scene() -> Scene {
+    let mut scene = presets::find(presets::DEFAULT).expect("the default preset is there");
+    scene.name = "small cumulus".to_owned();
+    scene.domain.cells = [32, 32, 40];
+    scene.domain.cell_size_m = [100.0, 100.0, 75.0];
+    scene.time.spin_up_s = 600.0;
+    // Eight ticks a second: a picture is drawn when there is something new to show.
+    scene.time.time_scale = 16.0;
+    scene.time.tick_s = 2.0;
+    scene.camera.position_m = [1600.0, 1600.0, 100.0];
+    scene
+}
+
+fn on_path(names: &[&str]) -> Option<PathBuf> {
+    let path = std::env::var_os("PATH")?;
+    let places: Vec<PathBuf> = std::env::split_paths(&path).collect();
+    names
+        .iter()
+        .find_map(|name| places.iter().map(|place| place.join(name)).find(|file| file.is_file()))
+}
+
+/// Browser and node, or what is missing.
+fn tools(here: &Path) -> Result<(PathBuf, PathBuf), String> {
+    let browser = on_path(&["chromium", "chromium-browser", "google-chrome"]);
+    let node = on_path(&["node"]);
+    let driver = here.join("node_modules/playwright-core/package.json").is_file();
+    let mut missing = Vec::new();
+    if browser.is_none() {
+        missing.push("a browser (chromium, chromium-browser or google-chrome)");
+    }
+    if node.is_none() {
+        missing.push("node");
+    }
+    if !driver {
+        missing.push("playwright-core (npm ci in tests/browser)");
+    }
+    match (browser, node, driver) {
+        (Some(browser), Some(node), true) => Ok((browser, node)),
+        _ => Err(missing.join(", ")),
+    }
+}
+
+/// Ends the driver whatever happens to the test.
+struct Driver(Child);
+
+impl Drop for Driver {
+    fn drop(&mut self) {
+        let _ = self.0.kill(); // it has ended already where all is well
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+fn the_page_shows_a_live_sky_and_survives_the_loss_of_its_server() {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("browser");
+    let (browser, node) = match tools(&here) {
+        Ok(tools) => tools,
+        Err(missing) => {
+            let required = std::env::var("WELKIN_REQUIRE").unwrap_or_default();
+            assert!(
+                !required.split(',').any(|what| what.trim() == "browser"),
+                "the browser test is required; missing: {missing}"
+            );
+            // Past the test harness's capture, so that nobody takes it for a test that ran.
+            let _ = writeln!(
+                std::io::stderr(),
+                "\n*** SKIP: the web page was NOT tested; missing: {missing}\n"
+            );
+            return;
+        }
+    };
+    let runtime = Runtime::new().expect("a runtime");
+    let mut server = Some(runtime.block_on(Server::start(([127, 0, 0, 1], 0).into())));
+    let address = server.as_ref().expect("it was started above").address;
+
+    let out = Path::new(env!("CARGO_TARGET_TMPDIR")).join("browser");
+    let mut driver = Driver(
+        Command::new(node)
+            .arg(here.join("page.mjs"))
+            .arg(format!("http://{address}"))
+            .arg(&out)
+            .env("WELKIN_CHROMIUM", browser)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("node starts"),
+    );
+    let mut to_driver = driver.0.stdin.take().expect("it is piped");
+    let from_driver = BufReader::new(driver.0.stdout.take().expect("it is piped"));
+    let (sender, lines) = channel();
+    std::thread::spawn(move || {
+        for line in from_driver.lines().map_while(Result::ok) {
+            if sender.send(line).is_err() {
+                break;
+            }
+        }
+    });
+
+    let end = Instant::now() + DRIVER_LIMIT;
+    let mut passed = false;
+    loop {
+        let line = match lines.recv_timeout(end.saturating_duration_since(Instant::now())) {
+            Ok(line) => line,
+            Err(RecvTimeoutError::Disconnected) => break,
+            Err(RecvTimeoutError::Timeout) => panic!("the driver did not end within {} s", DRIVER_LIMIT.as_secs()),
+        };
+        match line.as_str() {
+            "STOP" => {
+                let running = server.take().expect("STOP comes while it runs");
+                runtime.block_on(running.stop());
+                writeln!(to_driver, "STOPPED").expect("the driver listens");
+            }
+            "START" => {
+                server = Some(runtime.block_on(Server::start(address)));
+                writeln!(to_driver, "STARTED").expect("the driver listens");
+            }
+            "PASSED" => passed = true,
+            other => println!("{other}"),
+        }
+    }
+    let status = driver.0.wait().expect("the driver can be waited for");
+    assert!(
+        status.success() && passed,
+        "the page failed a check, see above; pictures are in {}",
+        out.display()
+    );
+    if let Some(running) = server.take() {
+        runtime.block_on(running.stop());
+    }
+    for picture in ["desktop.png", "lost.png", "phone.png", "phone-panel.png"] {
+        let bytes = std::fs::metadata(out.join(picture)).map(|m| m.len()).unwrap_or(0);
+        assert!(bytes > 10_000, "{picture} has {bytes} bytes");
+    }
+}

@@ -1,0 +1,96 @@
+//! A scene pays only for the effects that it names: passes and bytes are counted with and without each.
+
+use welkin_proto::{Scene, presets};
+use welkin_server::plan::Plan;
+use welkin_server::world::World;
+use welkin_shaders::catalogue::{Effect, Field, Pass};
+
+fn cumulus() -> Scene {
+    let mut scene = presets::find("fair-weather-cumulus").expect("a preset");
+    scene.domain.cells = [8, 8, 16];
+    scene.domain.cell_size_m[2] = 180.0;
+    scene
+}
+
+#[test]
+fn a_clear_sky_with_wind_runs_no_thermodynamics() {
+    let mut scene = presets::find("clear-sky-wind").expect("a preset");
+    scene.domain.cells = [8, 8, 8];
+    let world = World::new(scene, None).expect("a world");
+    let plan = world.plan();
+    assert_eq!(plan.passes, [Pass::AdvectMomentum, Pass::PressureSolve, Pass::Project]);
+    // Three velocities, each with its start and its next value, and the pressure.
+    assert_eq!(plan.fields.len(), 10);
+    let report = world.plan_report();
+    let grid_bytes: u64 = report.fields.iter().filter(|f| f.place != "spectrum").map(|f| f.bytes).sum();
+    assert_eq!(grid_bytes, 10 * 8 * 8 * 8 * 4);
+    for field in [Field::Heat, Field::Water, Field::Buoyancy, Field::CloudWater, Field::Extinction, Field::SlowVelocityX] {
+        assert!(world.device().read(field).is_none(), "{} is allocated", field.name());
+    }
+    assert!(world.snapshot().volume.is_none());
+}
+
+#[test]
+fn each_effect_adds_what_it_needs_and_nothing_else() {
+    let whole = Plan::new(&cumulus());
+    let without = |remove: &dyn Fn(&mut Scene)| {
+        let mut scene = cumulus();
+        remove(&mut scene);
+        Plan::new(&scene)
+    };
+    let gone = |plan: &Plan| whole.passes.iter().filter(|p| !plan.passes.contains(p)).map(|p| p.info().name).collect::<Vec<_>>();
+    let fewer = |plan: &Plan| whole.fields.len() - plan.fields.len();
+
+    let plan = without(&|s| s.effects.turbulence = None);
+    assert_eq!(gone(&plan), ["saturation_adjustment:step", "eddy_viscosity", "diffuse_momentum", "diffuse_scalar:heat", "diffuse_scalar:water"]);
+    assert_eq!(fewer(&plan), 1);
+    let plan = without(&|s| s.effects.surface = None);
+    assert_eq!((gone(&plan), fewer(&plan)), (vec!["surface_flux"], 0));
+    let plan = without(&|s| s.effects.coriolis = None);
+    assert_eq!((gone(&plan), fewer(&plan)), (vec!["coriolis"], 0));
+    let plan = without(&|s| s.effects.sponge = None);
+    assert_eq!((gone(&plan), fewer(&plan)), (vec!["sponge"], 0));
+    let plan = without(&|s| s.effects.large_scale = None);
+    assert_eq!((gone(&plan), fewer(&plan)), (vec!["large_scale:heat", "large_scale:water", "large_scale:momentum"], 0));
+    // Without water, what water needs goes, and dry buoyancy comes.
+    let plan = without(&|s| s.effects.moisture = None);
+    assert!(plan.passes.contains(&Pass::DryBuoyancy) && !whole.passes.contains(&Pass::DryBuoyancy));
+    assert!(plan.fields.iter().all(|f| f.effect() != Effect::Moisture));
+    assert_eq!(fewer(&plan), 6);
+    // With no effect left there is nothing at all.
+    let plan = without(&|s| s.effects = Default::default());
+    assert!(plan.passes.is_empty() && plan.fields.is_empty());
+}
+
+#[test]
+fn every_planned_field_is_touched_and_every_touched_field_planned() {
+    for preset in presets::all() {
+        let plan = Plan::new(&presets::find(preset.name).expect("a preset"));
+        for field in &plan.fields {
+            assert!(plan.passes.iter().any(|p| p.info().reads.contains(field) || p.info().writes.contains(field)), "{}: {} is idle", preset.name, field.name());
+        }
+        for pass in &plan.passes {
+            let written = pass.info().writes.iter().filter(|f| plan.fields.contains(f)).count();
+            assert!(written > 0, "{}: {} writes nothing that exists", preset.name, pass.info().name);
+        }
+    }
+}
+
+#[test]
+fn the_report_says_what_was_run_and_what_it_cost() {
+    let mut world = World::new(cumulus(), None).expect("a world");
+    world.tick();
+    let report = world.plan_report();
+    for pass in report.passes.iter().filter(|p| p.phase != "view") {
+        assert!(pass.runs > 0 && pass.mean_ms.is_some_and(|ms| ms >= 0.0), "{} did not run", pass.stage);
+        assert!(pass.why.starts_with("effect "), "{}", pass.why);
+    }
+    assert_eq!(report.bytes, report.fields.iter().map(|f| f.bytes).sum::<u64>());
+    // A picture's stages follow the effects that ask for them.
+    let mut plain = cumulus();
+    plain.effects.cloud_detail = None;
+    let names = |w: &World| w.plan_report().passes.iter().map(|p| p.stage.clone()).collect::<Vec<_>>();
+    let all = names(&world);
+    let fewer = names(&World::new(plain, None).expect("a world"));
+    assert!(fewer.len() < all.len(), "no stage of the view depends on cloud_detail");
+}

@@ -1,0 +1,614 @@
+//! Scenes: every preset holds, every bad value is refused at its place, every field is read by something.
+
+use serde_json::{Value, json};
+use welkin_proto::scene::Scene;
+use welkin_proto::validate::{self, Limits, parse_scene};
+use welkin_proto::wire::Command;
+use welkin_proto::{ApiError, presets};
+
+#[path = "scene_fields/reading.rs"]
+mod reading;
+
+/// A scene that names every effect, to be spoilt in one place.
+fn full() -> Value {
+    let mut scene: Value = serde_json::from_str(presets::all()[0].json).expect("the default preset is JSON");
+    scene["effects"]["bubble"] = json!({
+        "centre_m": [3200.0, 3200.0, 900.0], "radius_m": [800.0, 800.0, 800.0],
+        "potential_temperature_k": 2.0, "total_water_kg_per_kg": 0.001
+    });
+    scene["sun"] = json!({ "from": "fixed", "elevation_deg": 45.0, "azimuth_deg": 120.0 });
+    scene
+}
+
+/// The document with one value set (or, with `null`, removed) at a pointer.
+fn spoilt(mut document: Value, pointer: &str, value: Value) -> Value {
+    let (parent, key) = pointer.rsplit_once('/').expect("a pointer");
+    let parent = document
+        .pointer_mut(parent)
+        .unwrap_or_else(|| panic!("{pointer}: no such parent"));
+    match parent {
+        Value::Object(object) if value.is_null() => {
+            object
+                .remove(key)
+                .unwrap_or_else(|| panic!("{pointer}: nothing there to remove"));
+        }
+        Value::Object(object) => {
+            object.insert(key.to_owned(), value);
+        }
+        Value::Array(list) => list[key.parse::<usize>().expect("an index")] = value,
+        _ => panic!("{pointer}: not in a container"),
+    }
+    document
+}
+
+fn refusal(document: &Value) -> ApiError {
+    parse_scene(&document.to_string(), &Limits::default()).expect_err("must be refused")
+}
+
+fn check(document: &Value, code: &str, pointer: &str, part: &str) {
+    let error = refusal(document);
+    assert_eq!(error.code, code, "{pointer}: {error}");
+    assert_eq!(error.pointer.as_deref(), Some(pointer), "{error}");
+    assert!(error.message.contains(part), "{pointer}: {part:?} is not in {error}");
+}
+
+#[test]
+fn presets_hold() {
+    let names: Vec<&str> = presets::all().iter().map(|preset| preset.name).collect();
+    for wanted in ["fair-weather-cumulus", "warm-bubble", "stratocumulus", "clear-sky-wind"] {
+        assert!(names.contains(&wanted), "{wanted} is not among {names:?}");
+    }
+    assert_eq!(names[0], presets::DEFAULT);
+    for preset in presets::all() {
+        let scene =
+            parse_scene(preset.json, &Limits::default()).unwrap_or_else(|error| panic!("{}: {error}", preset.name));
+        assert_eq!(scene.name, preset.name);
+        assert!(
+            !scene.description.is_empty(),
+            "{} needs a line for the list",
+            preset.name
+        );
+        assert_eq!(presets::find(preset.name).expect("it is there"), scene);
+        let text = serde_json::to_string(&scene).expect("a scene is JSON");
+        assert_eq!(parse_scene(&text, &Limits::default()).expect("our own text"), scene);
+    }
+    let error = presets::find("no such sky").expect_err("unknown");
+    assert_eq!(error.code, "unknown_preset");
+    assert!(names.iter().all(|name| error.message.contains(name)), "{error}");
+}
+
+#[test]
+fn the_full_scene_is_good() {
+    let scene = parse_scene(&full().to_string(), &Limits::default()).expect("a good scene");
+    let effects = serde_json::to_value(&scene.effects).expect("JSON");
+    for (name, block) in effects.as_object().expect("an object") {
+        assert!(!block.is_null(), "{name} is missing: its bad values would go untested");
+    }
+}
+
+#[test]
+fn every_number_has_a_range() {
+    // Pointer, a value just below and just above what is allowed, and a part of the range that the message must name.
+    let ranges = [
+        ("/domain/cells/0", json!(0), json!(513), "1 to 512"),
+        ("/domain/cells/1", json!(0), json!(4_000_000_000_u32), "1 to 512"),
+        ("/domain/cells/2", json!(1), json!(513), "two levels"),
+        ("/domain/cell_size_m/0", json!(0.0), json!(100_001.0), "0.1 to 100000"),
+        ("/domain/cell_size_m/1", json!(-100.0), json!(1e300), "0.1 to 100000"),
+        ("/domain/cell_size_m/2", json!(0.09), json!(1000.0), "0."),
+        ("/domain/latitude_deg", json!(-90.1), json!(91.0), "-90 to 90"),
+        ("/domain/longitude_deg", json!(-181.0), json!(360.0), "-180 to 180"),
+        (
+            "/domain/surface_altitude_m",
+            json!(-501.0),
+            json!(9001.0),
+            "-500 to 9000",
+        ),
+        ("/time/tick_s", json!(0.0), json!(601.0), "0.01 to 600"),
+        ("/time/time_scale", json!(-1.0), json!(1001.0), "0.01 to 1000"),
+        ("/time/spin_up_s", json!(-1.0), json!(1e7), "0 to 1000000"),
+        (
+            "/base_state/surface_pressure_pa",
+            json!(0.0),
+            json!(120_000.0),
+            "30000 to 110000",
+        ),
+        ("/base_state/levels/1/height_m", json!(-1.0), json!(1e6), "0 to 100000"),
+        (
+            "/base_state/levels/1/liquid_water_potential_temperature_k",
+            json!(25.0),
+            json!(3000.0),
+            "150 to 2000",
+        ),
+        (
+            "/base_state/levels/1/total_water_kg_per_kg",
+            json!(-0.001),
+            json!(16.3),
+            "0 to 0.05",
+        ),
+        (
+            "/base_state/levels/1/wind_x_m_s",
+            json!(-151.0),
+            json!(151.0),
+            "-150 to 150",
+        ),
+        (
+            "/base_state/levels/1/wind_y_m_s",
+            json!(-151.0),
+            json!(151.0),
+            "-150 to 150",
+        ),
+        ("/effects/flow/courant_max", json!(0.0), json!(2.0), "0.05 to 1.4"),
+        (
+            "/effects/moisture/droplet_number_per_m3",
+            json!(0.0),
+            json!(1e12),
+            "1000000 to 10000000000",
+        ),
+        (
+            "/effects/turbulence/smagorinsky_coefficient",
+            json!(-0.1),
+            json!(0.6),
+            "0 to 0.5",
+        ),
+        (
+            "/effects/turbulence/turbulent_prandtl_number",
+            json!(0.0),
+            json!(11.0),
+            "0.1 to 10",
+        ),
+        ("/effects/surface/heat_flux_k_m_s", json!(-1.1), json!(15.0), "-1 to 1"),
+        (
+            "/effects/surface/moisture_flux_m_s",
+            json!(-0.1),
+            json!(115.0),
+            "-0.001 to 0.001",
+        ),
+        (
+            "/effects/surface/friction_velocity_m_s",
+            json!(-0.1),
+            json!(4.0),
+            "0 to 3",
+        ),
+        (
+            "/effects/coriolis/parameter_per_s",
+            json!(-1.0),
+            json!(1.0),
+            "-0.001 to 0.001",
+        ),
+        (
+            "/effects/coriolis/geostrophic_wind_x_m_s/0/1",
+            json!(-151.0),
+            json!(151.0),
+            "-150 to 150",
+        ),
+        (
+            "/effects/coriolis/geostrophic_wind_y_m_s/0/1",
+            json!(-151.0),
+            json!(151.0),
+            "-150 to 150",
+        ),
+        (
+            "/effects/coriolis/geostrophic_wind_y_m_s/0/0",
+            json!(-1.0),
+            json!(1e6),
+            "0 to 100000",
+        ),
+        (
+            "/effects/large_scale/vertical_wind_m_s/1/1",
+            json!(-2.0),
+            json!(2.0),
+            "-1 to 1",
+        ),
+        (
+            "/effects/large_scale/heating_k_per_s/1/1",
+            json!(-2.0),
+            json!(2.0),
+            "-0.01 to 0.01",
+        ),
+        (
+            "/effects/large_scale/moistening_per_s/1/1",
+            json!(-1.0),
+            json!(1.0),
+            "-0.00001 to 0.00001",
+        ),
+        ("/effects/sponge/depth_m", json!(0.0), json!(3001.0), "to 3000"),
+        ("/effects/sponge/rate_per_s", json!(-0.1), json!(2.0), "0 to 1"),
+        ("/effects/noise/depth_m", json!(-1.0), json!(1e6), "0 to 100000"),
+        (
+            "/effects/noise/potential_temperature_k",
+            json!(-0.1),
+            json!(11.0),
+            "0 to 10",
+        ),
+        (
+            "/effects/noise/total_water_kg_per_kg",
+            json!(-1e-5),
+            json!(0.025),
+            "0 to 0.01",
+        ),
+        (
+            "/effects/bubble/centre_m/0",
+            json!(-2e6),
+            json!(2e6),
+            "-1000000 to 1000000",
+        ),
+        ("/effects/bubble/radius_m/1", json!(0.0), json!(2e6), "0.1 to 1000000"),
+        (
+            "/effects/bubble/potential_temperature_k",
+            json!(-51.0),
+            json!(300.0),
+            "-50 to 50",
+        ),
+        (
+            "/effects/bubble/total_water_kg_per_kg",
+            json!(-1.0),
+            json!(1.0),
+            "-0.05 to 0.05",
+        ),
+        ("/effects/cloud_detail/strength", json!(-0.1), json!(1.1), "0 to 1"),
+        ("/effects/cloud_detail/scale_m", json!(0.0), json!(1e6), "1 to 100000"),
+        ("/effects/multiple_scattering/octaves", json!(0), json!(9), "1 to 8"),
+        (
+            "/effects/aerial_perspective/visibility_m",
+            json!(0.0),
+            json!(1e9),
+            "50 to 1000000",
+        ),
+        ("/sun/elevation_deg", json!(-91.0), json!(91.0), "-90 to 90"),
+        ("/sun/azimuth_deg", json!(-721.0), json!(721.0), "-720 to 720"),
+        ("/camera/position_m/0", json!(-2e6), json!(2e6), "-1000000 to 1000000"),
+        ("/camera/position_m/1", json!(-2e6), json!(2e6), "-1000000 to 1000000"),
+        ("/camera/position_m/2", json!(-2e6), json!(2e6), "-1000000 to 1000000"),
+        ("/camera/azimuth_deg", json!(-721.0), json!(721.0), "-720 to 720"),
+        ("/camera/elevation_deg", json!(-91.0), json!(91.0), "-90 to 90"),
+        ("/camera/vertical_fov_deg", json!(0.0), json!(180.0), "1 to 150"),
+        ("/camera/exposure_ev", json!(-21.0), json!(21.0), "-20 to 20"),
+    ];
+    for (pointer, below, above, part) in &ranges {
+        for value in [below, above] {
+            check(&spoilt(full(), pointer, value.clone()), "out_of_range", pointer, part);
+        }
+    }
+    // Nothing numeric is left out: every number of the full scene lies at a pointer above, but for those judged elsewhere.
+    let mut numbers = Vec::new();
+    collect_numbers(&full(), String::new(), &mut numbers);
+    let covered: Vec<String> = ranges.iter().map(|(pointer, ..)| without_indices(pointer)).collect();
+    for pointer in numbers {
+        let place = without_indices(&pointer);
+        assert!(
+            covered.contains(&place) || ["/version", "/seed"].contains(&place.as_str()),
+            "{pointer} has no range tested"
+        );
+    }
+}
+
+fn collect_numbers(value: &Value, at: String, found: &mut Vec<String>) {
+    match value {
+        Value::Number(_) => found.push(at),
+        Value::Object(object) => object
+            .iter()
+            .for_each(|(key, inner)| collect_numbers(inner, format!("{at}/{key}"), found)),
+        Value::Array(list) => {
+            list.iter()
+                .enumerate()
+                .for_each(|(i, inner)| collect_numbers(inner, format!("{at}/{i}"), found));
+        }
+        _ => {}
+    }
+}
+
+fn without_indices(pointer: &str) -> String {
+    pointer
+        .split('/')
+        .filter(|part| part.parse::<usize>().is_err())
+        .collect::<Vec<_>>()
+        .join("/")
+}
+
+#[test]
+fn other_base_states_have_ranges_too() {
+    let with = |base: Value| spoilt(full(), "/base_state", base);
+    let stable = json!({
+        "kind": "constant_stability", "surface_pressure_pa": 1e5, "surface_potential_temperature_k": 300.0,
+        "buoyancy_frequency_per_s": 0.01, "relative_humidity": 0.5, "wind_x_m_s": 0.0, "wind_y_m_s": 0.0
+    });
+    let neutral = json!({
+        "kind": "isentropic", "surface_pressure_pa": 1e5, "potential_temperature_k": 300.0, "wind_x_m_s": 0.0, "wind_y_m_s": 0.0
+    });
+    let deep = json!({
+        "kind": "weisman_klemp", "surface_pressure_pa": 1e5, "mixing_ratio_cap_kg_per_kg": 0.014, "wind_shear_m_s": 10.0
+    });
+    for (base, field, below, above) in [
+        (&stable, "surface_pressure_pa", -1.0, 1e6),
+        (&stable, "surface_potential_temperature_k", 20.0, 500.0),
+        (&stable, "buoyancy_frequency_per_s", -0.01, 1.0),
+        (&stable, "relative_humidity", -0.1, 80.0),
+        (&stable, "wind_x_m_s", -200.0, 200.0),
+        (&stable, "wind_y_m_s", -200.0, 200.0),
+        (&neutral, "surface_pressure_pa", 1013.0, 1e6),
+        (&neutral, "potential_temperature_k", 20.0, 500.0),
+        (&neutral, "wind_x_m_s", -200.0, 200.0),
+        (&neutral, "wind_y_m_s", -200.0, 200.0),
+        (&deep, "surface_pressure_pa", 0.0, 1e6),
+        (&deep, "mixing_ratio_cap_kg_per_kg", -0.1, 14.0),
+        (&deep, "wind_shear_m_s", -200.0, 200.0),
+    ] {
+        parse_scene(&with(base.clone()).to_string(), &Limits::default()).expect("good before it is spoilt");
+        for value in [below, above] {
+            let pointer = format!("/base_state/{field}");
+            check(
+                &spoilt(with(base.clone()), &pointer, json!(value)),
+                "out_of_range",
+                &pointer,
+                &value.to_string(),
+            );
+        }
+    }
+    check(
+        &with(json!({ "kind": "sounding", "text": "" })),
+        "bad_sounding",
+        "/base_state/text",
+        "empty",
+    );
+}
+
+#[test]
+fn the_shape_is_judged_place_by_place() {
+    let cases = [
+        ("/domian", json!({}), "/domian", "unknown field `domian`"),
+        ("/domain/cells", Value::Null, "/domain", "lacks the field `cells`"),
+        ("/domain/cells", json!([64, 64]), "/domain/cells", "3 values"),
+        ("/domain/cells/0", json!(64.5), "/domain/cells/0", "whole number"),
+        ("/domain/cells/0", json!(-64), "/domain/cells/0", "whole number"),
+        ("/domain/cells/0", json!(1e12 as u64), "/domain/cells/0", "whole number"),
+        ("/domain/cell_size_m/1", json!("100"), "/domain/cell_size_m/1", "number"),
+        ("/seed", json!(-1), "/seed", "whole number"),
+        ("/name", json!(7), "/name", "a text"),
+        ("/time/tick_s", json!([2]), "/time/tick_s", "a number"),
+        (
+            "/base_state/kind",
+            json!("anelastic"),
+            "/base_state/kind",
+            "`weisman_klemp`",
+        ),
+        ("/base_state/kind", Value::Null, "/base_state", "lacks `kind`"),
+        (
+            "/base_state/levels/2/height_m",
+            json!("high"),
+            "/base_state/levels/2/height_m",
+            "number",
+        ),
+        (
+            "/base_state/levels/2/height_m",
+            Value::Null,
+            "/base_state/levels/2",
+            "`height_m`",
+        ),
+        (
+            "/base_state/levels/2/hieght_m",
+            json!(1.0),
+            "/base_state/levels/2/hieght_m",
+            "unknown field",
+        ),
+        ("/effects/rain", json!({}), "/effects/rain", "unknown field `rain`"),
+        (
+            "/effects/heat",
+            json!({ "a/b~c": 1 }),
+            "/effects/heat/a~1b~0c",
+            "unknown field",
+        ),
+        ("/effects/heat", json!(true), "/effects/heat", "an object"),
+        (
+            "/effects/flow/courant_max",
+            Value::Null,
+            "/effects/flow",
+            "lacks the field",
+        ),
+        (
+            "/effects/large_scale/heating_k_per_s/1",
+            json!([1.0]),
+            "/effects/large_scale/heating_k_per_s/1",
+            "2 values",
+        ),
+        ("/sun/from", json!("moon"), "/sun/from", "`clock`"),
+        ("/camera", json!([]), "/camera", "an object"),
+        ("/camera/roll_deg", json!(3.0), "/camera/roll_deg", "unknown field"),
+    ];
+    for (place, value, pointer, part) in cases {
+        check(&spoilt(full(), place, value), "bad_scene", pointer, part);
+    }
+    check(&json!([]), "bad_scene", "", "an object");
+}
+
+#[test]
+fn what_is_not_json() {
+    let text = full().to_string();
+    let limits = Limits::default();
+    for (bad, place) in [
+        (String::new(), "line 1, column 0"),
+        ("{".to_owned(), "line 1, column 1"),
+        (text[..text.len() / 2].to_owned(), "line 1"),
+        (text.replace("5400.0", "NaN"), "line 1"),
+        (text.replace("5400.0", "1e999"), "line 1"),
+        (text.replace("5400.0", "Infinity"), "line 1"),
+        (format!("{text}x"), "line 1"),
+        ("[".repeat(100_000), "line 1"),
+        ("{\n  \"version\": 1,\n  oops\n}".to_owned(), "line 3, column 3"),
+    ] {
+        let error = parse_scene(&bad, &limits).expect_err("not JSON");
+        assert_eq!(error.code, "bad_json", "{error}");
+        assert!(error.message.contains(place), "{place}: {error}");
+    }
+    // JSON lets a key stand twice; a scene does not.
+    let twice = text.replacen("\"seed\":1", "\"seed\":1,\"seed\":2", 1);
+    assert_ne!(twice, text);
+    let error = parse_scene(&twice, &limits).expect_err("which seed?");
+    assert!(
+        error.code == "bad_scene" && error.message.contains("duplicate field `seed`"),
+        "{error}"
+    );
+    let large = format!("{text}{}", " ".repeat(limits.max_scene_bytes));
+    assert_eq!(parse_scene(&large, &limits).expect_err("too large").code, "too_large");
+}
+
+#[test]
+fn versions_orders_times_and_sizes() {
+    check(
+        &spoilt(full(), "/version", json!(2)),
+        "unknown_version",
+        "/version",
+        "reads version 1",
+    );
+    check(
+        &spoilt(full(), "/version", json!(0)),
+        "unknown_version",
+        "/version",
+        "version 0",
+    );
+    check(
+        &json!({ "version": 9, "sky": "blue" }),
+        "unknown_version",
+        "/version",
+        "version 9",
+    );
+    for time in ["yesterday", "2026-06-21T16:00:00", "2026-02-30T16:00:00Z"] {
+        check(
+            &spoilt(full(), "/time/start_utc", json!(time)),
+            "bad_time",
+            "/time/start_utc",
+            time,
+        );
+    }
+    for (place, value) in [
+        ("/base_state/levels/2/height_m", json!(520.0)),
+        ("/base_state/levels/3/height_m", json!(1.0)),
+        ("/effects/coriolis/geostrophic_wind_x_m_s/1/0", json!(0.0)),
+        ("/effects/large_scale/vertical_wind_m_s/2/0", json!(1500.0)),
+        ("/effects/large_scale/heating_k_per_s/2/0", json!(3.0)),
+        ("/effects/large_scale/moistening_per_s/1/0", json!(0.0)),
+    ] {
+        check(&spoilt(full(), place, value), "not_rising", place, "must be above");
+    }
+    check(
+        &spoilt(full(), "/domain/cells", json!([512, 512, 512])),
+        "out_of_range",
+        "/domain/cells",
+        "16777216",
+    );
+    let one_level = json!([full()["base_state"]["levels"][0]]);
+    check(
+        &spoilt(full(), "/base_state/levels", one_level),
+        "out_of_range",
+        "/base_state/levels",
+        "1 rows",
+    );
+    let place = "/effects/coriolis/geostrophic_wind_x_m_s";
+    check(&spoilt(full(), place, json!([])), "out_of_range", place, "0 rows");
+    check(&spoilt(full(), "/name", json!("")), "out_of_range", "/name", "1 to 100");
+    check(
+        &spoilt(full(), "/description", json!("x".repeat(2001))),
+        "out_of_range",
+        "/description",
+        "2000",
+    );
+}
+
+#[test]
+fn effects_need_each_other() {
+    // With one effect taken away, the first that needs it is named.
+    for (gone, pointer, need) in [
+        ("flow", "/effects/heat", "`flow`"),
+        ("heat", "/effects/moisture", "`heat`"),
+        ("moisture", "/effects/cloud_detail", "`moisture`"),
+    ] {
+        check(
+            &spoilt(full(), &format!("/effects/{gone}"), Value::Null),
+            "effect_needs",
+            pointer,
+            need,
+        );
+    }
+    // And each alone, without what it needs.
+    for (alone, need) in [
+        ("heat", "flow"),
+        ("moisture", "heat"),
+        ("turbulence", "flow"),
+        ("surface", "flow"),
+        ("coriolis", "flow"),
+        ("large_scale", "heat"),
+        ("sponge", "flow"),
+        ("noise", "heat"),
+        ("bubble", "heat"),
+        ("cloud_detail", "moisture"),
+        ("multiple_scattering", "moisture"),
+        ("cloud_shadow", "moisture"),
+    ] {
+        let mut scene = full();
+        scene["effects"] = json!({ alone: full()["effects"][alone] });
+        check(
+            &scene,
+            "effect_needs",
+            &format!("/effects/{alone}"),
+            &format!("`{need}`"),
+        );
+    }
+    // A number that would do nothing.
+    for (effect, field, keep) in [
+        ("surface", "heat_flux_k_m_s", vec!["flow"]),
+        ("surface", "moisture_flux_m_s", vec!["flow", "heat"]),
+        ("large_scale", "moistening_per_s", vec!["flow", "heat"]),
+        ("noise", "total_water_kg_per_kg", vec!["flow", "heat"]),
+        ("bubble", "total_water_kg_per_kg", vec!["flow", "heat"]),
+    ] {
+        let mut scene = full();
+        scene["effects"] = json!({ effect: full()["effects"][effect] });
+        for name in keep {
+            scene["effects"][name] = full()["effects"][name].clone();
+        }
+        check(
+            &scene,
+            "effect_needs",
+            &format!("/effects/{effect}/{field}"),
+            "needs the effect",
+        );
+    }
+}
+
+#[test]
+fn values_that_json_cannot_say() {
+    // A scene made in code can hold what a text cannot.
+    let good: Scene = serde_json::from_value(full()).expect("a scene");
+    for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        let mut scene = good.clone();
+        scene.camera.position_m[1] = value;
+        let error = validate::validate(&scene, &Limits::default()).expect_err("not finite");
+        assert_eq!(
+            (error.code.as_str(), error.pointer.as_deref()),
+            ("out_of_range", Some("/camera/position_m/1"))
+        );
+    }
+}
+
+#[test]
+fn commands_have_ranges() {
+    for (command, pointer) in [
+        (json!({ "command": "time_scale", "time_scale": 0.0 }), "/time_scale"),
+        (
+            json!({ "command": "wind", "add_x_m_s": 0.0, "add_y_m_s": 1e9 }),
+            "/add_y_m_s",
+        ),
+        (
+            json!({ "command": "sun", "sun": { "from": "fixed", "elevation_deg": 100.0, "azimuth_deg": 0.0 } }),
+            "/sun/elevation_deg",
+        ),
+    ] {
+        let command: Command = serde_json::from_value(command).expect("a command");
+        let error = validate::command(&command).expect_err("out of range");
+        assert_eq!(
+            (error.code.as_str(), error.pointer.as_deref()),
+            ("out_of_range", Some(pointer))
+        );
+    }
+    validate::command(&Command::Pause).expect("nothing to refuse");
+}
