@@ -19,7 +19,11 @@ pub struct ApiError {
 impl ApiError {
     /// An error that no single place of a document is to blame for.
     pub fn new(code: &str, message: impl Into<String>) -> Self {
-        Self { code: code.to_owned(), message: message.into(), pointer: None }
+        Self {
+            code: code.to_owned(),
+            message: message.into(),
+            pointer: None,
+        }
     }
 
     /// The same error, with the place in the document.

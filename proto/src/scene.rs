@@ -59,6 +59,20 @@ pub struct Domain {
     /// Height of the ground above mean sea level, metres.
     #[serde(default)]
     pub surface_altitude_m: f64,
+    /// What the ground is, for pictures.
+    #[serde(default)]
+    pub ground: Ground,
+}
+
+/// What lies under the clouds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Ground {
+    /// Fields and woods.
+    #[default]
+    Land,
+    /// Water under a breeze.
+    Sea,
 }
 
 /// The scene's clock.

@@ -138,7 +138,7 @@ pub fn sun(sun: &Sun, pointer: &str) -> Result<(), ApiError> {
 /// Judges a command. Errors: `out_of_range`, with a pointer into the command's own document.
 pub fn command(command: &Command) -> Result<(), ApiError> {
     match command {
-        Command::Pause | Command::Resume => Ok(()),
+        Command::Pause {} | Command::Resume {} => Ok(()),
         Command::TimeScale { time_scale } => range("/time_scale", *time_scale, 0.01, 1000.0),
         Command::Sun { sun: source } => sun(source, "/sun"),
         Command::Wind { add_x_m_s, add_y_m_s } => {

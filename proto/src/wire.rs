@@ -63,9 +63,9 @@ pub struct Numbers {
 #[serde(tag = "command", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Command {
     /// Stop the clock.
-    Pause,
+    Pause {},
     /// Let the clock go on.
-    Resume,
+    Resume {},
     /// Simulated seconds a wall second.
     TimeScale {
         /// 0.01 to 1000.
@@ -118,7 +118,7 @@ pub enum ClientMessage {
         camera: Option<Camera>,
     },
     /// No more frames.
-    NoFrames,
+    NoFrames {},
     /// A command to the world.
     Command {
         /// What to do.

@@ -136,7 +136,8 @@ pub fn run(options: &BenchOptions) -> Result<(), BenchError> {
     let report = measure(options)?;
     print(&report);
     if let Some(path) = &options.json {
-        let text = serde_json::to_string_pretty(&report).map_err(|e| BenchError::System("cannot write JSON", e.into()))?;
+        let text =
+            serde_json::to_string_pretty(&report).map_err(|e| BenchError::System("cannot write JSON", e.into()))?;
         std::fs::write(path, text).map_err(|e| BenchError::System("cannot write the JSON report", e))?;
     }
     Ok(())
@@ -173,10 +174,15 @@ fn measure(options: &BenchOptions) -> Result<Report, BenchError> {
     .0;
     eprintln!("measuring it while the page's frames are served");
     let (simulation_with_page, page_frames) = simulation(view, || {
-        frames(view, &renderer, window, Some(Duration::from_secs_f64(1.0 / PAGE_FRAMES_PER_S)))
+        frames(
+            view,
+            &renderer,
+            window,
+            Some(Duration::from_secs_f64(1.0 / PAGE_FRAMES_PER_S)),
+        )
     })?;
     eprintln!("measuring frames alone");
-    view.command(WorldCommand::Pause)?;
+    view.command(WorldCommand::Pause {})?;
     while !view.newest().snapshot.numbers.paused {
         std::thread::sleep(Duration::from_millis(5));
     }
@@ -242,9 +248,17 @@ fn frames(
         let mut camera = view.scene.camera.clone();
         camera.azimuth_deg += render_ms.len() as f64;
         camera.azimuth_deg %= 360.0;
-        let request = FrameRequest { width, height, format: FrameFormat::Jpeg, camera };
+        let request = FrameRequest {
+            width,
+            height,
+            format: FrameFormat::Jpeg,
+            camera,
+        };
         let ticket = renderer.request(view, request, 1)?;
-        let frame = ticket.answer.blocking_recv().map_err(|_| BenchError::Server("lost its renderer"))??;
+        let frame = ticket
+            .answer
+            .blocking_recv()
+            .map_err(|_| BenchError::Server("lost its renderer"))??;
         render_ms.push(frame.render_ms);
         encode_ms += frame.encode_ms;
         bytes += frame.bytes.len();
@@ -289,7 +303,9 @@ fn first_frame(options: &BenchOptions) -> Result<(f64, Option<f64>), BenchError>
     let mut server = Server(child.map_err(|e| BenchError::System("cannot start a server", e))?);
     let stdout = server.0.stdout.take().ok_or(BenchError::Server("has no output"))?;
     let mut line = String::new();
-    BufReader::new(stdout).read_line(&mut line).map_err(|e| BenchError::System("cannot read the server's output", e))?;
+    BufReader::new(stdout)
+        .read_line(&mut line)
+        .map_err(|e| BenchError::System("cannot read the server's output", e))?;
     let address = line.split("http://").nth(1).and_then(|rest| rest.split('/').next());
     let address = address.ok_or(BenchError::Server("did not say its address"))?;
     let [width, height] = PAGE_SIZE;
@@ -310,17 +326,30 @@ fn first_frame(options: &BenchOptions) -> Result<(f64, Option<f64>), BenchError>
 fn get_status(address: &str, path: &str) -> std::io::Result<u16> {
     let mut stream = TcpStream::connect(address)?;
     stream.set_read_timeout(Some(FIRST_FRAME_MAX))?;
-    write!(stream, "GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n")?;
+    write!(
+        stream,
+        "GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n"
+    )?;
     let mut answer = Vec::new();
     stream.read_to_end(&mut answer)?;
-    let status = answer.split(|b| *b == b' ').nth(1).and_then(|word| std::str::from_utf8(word).ok());
-    status.and_then(|s| s.parse().ok()).ok_or_else(|| std::io::Error::other("the answer is not HTTP"))
+    let status = answer
+        .split(|b| *b == b' ')
+        .nth(1)
+        .and_then(|word| std::str::from_utf8(word).ok());
+    status
+        .and_then(|s| s.parse().ok())
+        .ok_or_else(|| std::io::Error::other("the answer is not HTTP"))
 }
 
 /// Resident memory from a `/proc` status file, MiB; `None` where there is no such file.
 fn resident_mib(status: &str) -> Option<f64> {
     let value = proc_value(status, "VmRSS")?;
-    value.split_whitespace().next()?.parse::<f64>().ok().map(|kib| kib / 1024.0)
+    value
+        .split_whitespace()
+        .next()?
+        .parse::<f64>()
+        .ok()
+        .map(|kib| kib / 1024.0)
 }
 
 fn proc_value(path: &str, key: &str) -> Option<String> {
@@ -332,22 +361,55 @@ fn proc_value(path: &str, key: &str) -> Option<String> {
 fn print(report: &Report) {
     let [x, y, z] = report.cells;
     let memory = |mib: Option<f64>| mib.map_or_else(|| "unknown".to_owned(), |mib| format!("{mib:.0} MiB"));
-    println!("welkin {} on {} ({})", report.version, report.device, report.processor.as_deref().unwrap_or("processor unknown"));
-    println!("{} cores; commit {}", report.cores, report.commit.as_deref().unwrap_or("not given"));
+    println!(
+        "welkin {} on {} ({})",
+        report.version,
+        report.device,
+        report.processor.as_deref().unwrap_or("processor unknown")
+    );
+    println!(
+        "{} cores; commit {}",
+        report.cores,
+        report.commit.as_deref().unwrap_or("not given")
+    );
     println!("scene {}, {x} x {y} x {z} cells", report.scene);
-    println!("first frame            {:.2} s after the process started, {} resident", report.first_frame_s, memory(report.resident_first_frame_mib));
-    let cover = report.cloud_cover.map_or_else(|| "no clouds".to_owned(), |cover| format!("cloud cover {cover:.2}"));
-    println!("measured from          {:.0} simulated s ({:.1} s of wall time to get there; {cover})", report.measured_from_s, report.spin_up_wall_s);
-    for (name, s) in [("simulation alone", &report.simulation_alone), ("... with the page", &report.simulation_with_page)] {
+    println!(
+        "first frame            {:.2} s after the process started, {} resident",
+        report.first_frame_s,
+        memory(report.resident_first_frame_mib)
+    );
+    let cover = report
+        .cloud_cover
+        .map_or_else(|| "no clouds".to_owned(), |cover| format!("cloud cover {cover:.2}"));
+    println!(
+        "measured from          {:.0} simulated s ({:.1} s of wall time to get there; {cover})",
+        report.measured_from_s, report.spin_up_wall_s
+    );
+    for (name, s) in [
+        ("simulation alone", &report.simulation_alone),
+        ("... with the page", &report.simulation_with_page),
+    ] {
         println!(
             "{name:<22} {:.2} ticks/s, {:.1} times real time, {:.1} ms a tick, {:.1} M cell substeps/s",
-            s.ticks_per_s, s.times_real_time, s.tick_ms, s.cell_substeps_per_s / 1e6
+            s.ticks_per_s,
+            s.times_real_time,
+            s.tick_ms,
+            s.cell_substeps_per_s / 1e6
         );
     }
-    for (name, f) in [("the page's frames", &report.page_frames), ("frames alone", &report.frames_alone)] {
+    for (name, f) in [
+        ("the page's frames", &report.page_frames),
+        ("frames alone", &report.frames_alone),
+    ] {
         println!(
             "{name:<22} {}x{}: {:.1} frames/s, {:.1} ms to render (95 %: {:.1}), {:.1} ms to encode, {:.0} kB",
-            f.width, f.height, f.per_s, f.render_ms_mean, f.render_ms_p95, f.encode_ms_mean, f.bytes_mean / 1e3
+            f.width,
+            f.height,
+            f.per_s,
+            f.render_ms_mean,
+            f.render_ms_p95,
+            f.encode_ms_mean,
+            f.bytes_mean / 1e3
         );
     }
     println!("resident at the end    {}", memory(report.resident_mib));

@@ -136,7 +136,10 @@ pub fn run(args: impl IntoIterator<Item = OsString>, log_filter: Option<String>)
         eprintln!("welkin: RUST_LOG is not understood ({error}); using {LOG_FILTER}");
         EnvFilter::new(LOG_FILTER)
     });
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .init();
     let outcome = match cli.command {
         None => serve::run(cli.serve),
         Some(Command::Serve(options)) => serve::run(options),
@@ -145,9 +148,9 @@ pub fn run(args: impl IntoIterator<Item = OsString>, log_filter: Option<String>)
         Some(Command::Explain(options)) => explain::run(options),
         Some(Command::Scenes) => scenes(),
         Some(Command::Schema) => schema(),
-        Some(Command::Bench(options)) => {
-            crate::bench::run(&options).map(|()| Outcome::Done).map_err(|error| Failure(error.to_string()))
-        }
+        Some(Command::Bench(options)) => crate::bench::run(&options)
+            .map(|()| Outcome::Done)
+            .map_err(|error| Failure(error.to_string())),
     };
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
@@ -163,7 +166,11 @@ fn scenes() -> Result<Outcome, Failure> {
     let scenes = crate::http::scene_list();
     let width = scenes.iter().map(|s| s.name.len()).max().unwrap_or_default();
     for scene in scenes {
-        let mark = if scene.name == presets::DEFAULT { " (default)" } else { "" };
+        let mark = if scene.name == presets::DEFAULT {
+            " (default)"
+        } else {
+            ""
+        };
         print_line(&format!("{:width$}  {}{mark}", scene.name, scene.description))?;
     }
     Ok(Outcome::Done)
@@ -188,8 +195,14 @@ fn load_scene(scene: &str, limits: &validate::Limits) -> Result<Scene, Failure> 
     }
     let path = Path::new(scene);
     if !path.exists() {
-        let names = presets::all().iter().map(|preset| preset.name).collect::<Vec<_>>().join(", ");
-        return Err(Failure(format!("{scene:?} is neither a file nor a preset; the presets are {names}")));
+        let names = presets::all()
+            .iter()
+            .map(|preset| preset.name)
+            .collect::<Vec<_>>()
+            .join(", ");
+        return Err(Failure(format!(
+            "{scene:?} is neither a file nor a preset; the presets are {names}"
+        )));
     }
     validate::parse_scene(&read_text(path)?, limits).map_err(|error| Failure(format!("{scene}: {error}")))
 }
@@ -217,7 +230,11 @@ fn duration_s(text: &str) -> Result<f64, String> {
         Some(_) => return Err(wanted()),
     };
     let seconds = number.parse::<f64>().map_err(|_| wanted())? * unit_s;
-    if (0.0..=1e8).contains(&seconds) { Ok(seconds) } else { Err(format!("{text:?} is out of range; allowed is 0 to 1e8 s")) }
+    if (0.0..=1e8).contains(&seconds) {
+        Ok(seconds)
+    } else {
+        Err(format!("{text:?} is out of range; allowed is 0 to 1e8 s"))
+    }
 }
 
 /// A flag that Ctrl-C raises; a second Ctrl-C ends the process at once.
@@ -262,7 +279,11 @@ pub fn definition() -> clap::Command {
 
 /// Limits of the command line where nobody is to be kept from anything: the scene's own ranges hold, nothing else.
 fn own_limits() -> validate::Limits {
-    validate::Limits { max_cells: u64::MAX, max_scene_bytes: usize::MAX, ..Limits::default().scene() }
+    validate::Limits {
+        max_cells: u64::MAX,
+        max_scene_bytes: usize::MAX,
+        ..Limits::default().scene()
+    }
 }
 
 #[cfg(test)]
@@ -276,7 +297,15 @@ mod tests {
 
     #[test]
     fn durations_are_read_in_every_unit_and_refused_without_sense() {
-        let good = [("90s", 90.0), ("10m", 600.0), ("2h", 7200.0), ("1.5h", 5400.0), ("1d", 86_400.0), ("45", 45.0), ("0", 0.0)];
+        let good = [
+            ("90s", 90.0),
+            ("10m", 600.0),
+            ("2h", 7200.0),
+            ("1.5h", 5400.0),
+            ("1d", 86_400.0),
+            ("45", 45.0),
+            ("0", 0.0),
+        ];
         for (text, seconds) in good {
             assert_eq!(duration_s(text), Ok(seconds), "{text}");
         }
@@ -296,7 +325,9 @@ mod tests {
         let Cli { serve, .. } = Cli::try_parse_from(["welkin"]).unwrap();
         assert_eq!(format!("{:?}", serve.limits), format!("{:?}", Limits::default()));
         let Cli { command, .. } = Cli::try_parse_from(["welkin", "serve", "--max-worlds", "9"]).unwrap();
-        let Some(Command::Serve(options)) = command else { panic!("serve was not understood") };
+        let Some(Command::Serve(options)) = command else {
+            panic!("serve was not understood")
+        };
         assert_eq!(options.limits.worlds_max, 9);
     }
 }

@@ -125,8 +125,18 @@ impl Host {
                 return Err(ApiError::new("internal", "the world could not be started"));
             }
         };
-        let view = View { id: id.into(), scene, published, commands, frame_ms_bits };
-        Ok(Host { view, base_state, thread: Mutex::new(Some(thread)) })
+        let view = View {
+            id: id.into(),
+            scene,
+            published,
+            commands,
+            frame_ms_bits,
+        };
+        Ok(Host {
+            view,
+            base_state,
+            thread: Mutex::new(Some(thread)),
+        })
     }
 
     /// What viewers get.
@@ -185,10 +195,22 @@ struct Runner {
 impl Runner {
     fn new(world: World, frame_ms_bits: Arc<AtomicU64>) -> (Self, watch::Receiver<Arc<Published>>) {
         let time_scale = world.scene().time.time_scale;
-        let first = Arc::new(Published { revision: 0, at: Instant::now(), snapshot: world.snapshot() });
+        let first = Arc::new(Published {
+            revision: 0,
+            at: Instant::now(),
+            snapshot: world.snapshot(),
+        });
         let (publisher, published) = watch::channel(first);
         let speed = SpeedMeter::default();
-        let mut runner = Self { world, publisher, revision: 0, frame_ms_bits, paused: false, time_scale, speed };
+        let mut runner = Self {
+            world,
+            publisher,
+            revision: 0,
+            frame_ms_bits,
+            paused: false,
+            time_scale,
+            speed,
+        };
         runner.publish();
         (runner, published)
     }
@@ -203,14 +225,26 @@ impl Runner {
         numbers.paused = self.paused;
         numbers.time_scale = self.time_scale;
         numbers.spinning_up = spinning_up;
-        numbers.speed = if self.paused { 0.0 } else { self.speed.simulated_s_per_wall_s() };
-        self.publisher.send_replace(Arc::new(Published { revision: self.revision, at: Instant::now(), snapshot }));
+        numbers.speed = if self.paused {
+            0.0
+        } else {
+            self.speed.simulated_s_per_wall_s()
+        };
+        self.publisher.send_replace(Arc::new(Published {
+            revision: self.revision,
+            at: Instant::now(),
+            snapshot,
+        }));
     }
 
     /// Wall time that one tick should take; `None` runs flat out.
     fn period(&self) -> Option<Duration> {
         let period_s = self.world.scene().time.tick_s / self.time_scale;
-        if self.world.spinning_up() { None } else { Duration::try_from_secs_f64(period_s).ok() }
+        if self.world.spinning_up() {
+            None
+        } else {
+            Duration::try_from_secs_f64(period_s).ok()
+        }
     }
 
     fn run(&mut self, orders: &mpsc::Receiver<Order>) {
@@ -249,7 +283,10 @@ impl Runner {
                     let numbers = self.world.numbers();
                     self.speed.mark(numbers.simulated_s);
                     if !is_finite(&numbers) {
-                        tracing::error!(tick = numbers.tick, "the world's fields are no longer finite; it is stopped");
+                        tracing::error!(
+                            tick = numbers.tick,
+                            "the world's fields are no longer finite; it is stopped"
+                        );
                         return;
                     }
                     let age = self.publisher.borrow().at.elapsed();
@@ -264,13 +301,13 @@ impl Runner {
 
     fn obey(&mut self, command: Command) {
         match command {
-            Command::Pause => self.paused = true,
-            Command::Resume if self.paused => {
+            Command::Pause {} => self.paused = true,
+            Command::Resume {} if self.paused => {
                 self.paused = false;
                 self.speed = SpeedMeter::default();
                 self.speed.mark(self.world.simulated_s());
             }
-            Command::Resume => {}
+            Command::Resume {} => {}
             Command::TimeScale { time_scale } => self.time_scale = time_scale,
             Command::Sun { sun } => self.world.set_sun(sun),
             Command::Wind { add_x_m_s, add_y_m_s } => self.world.add_wind(add_x_m_s, add_y_m_s),

@@ -30,7 +30,11 @@ pub fn write(scene: &Scene, base: &BaseState, parameters: &Parameters, device: &
                         let n = size[a] as f64;
                         d -= n * (d / n).round();
                     }
-                    if grid.cells[a] == 1 { 0.0 } else { (d / bubble.radius_m[a]).powi(2) }
+                    if grid.cells[a] == 1 {
+                        0.0
+                    } else {
+                        (d / bubble.radius_m[a]).powi(2)
+                    }
                 })
                 .sum();
             if distance_squared < 1.0 {
@@ -78,7 +82,10 @@ mod tests {
         let variance = values.iter().map(|v| v * v).sum::<f64>() / n as f64;
         let lag = values.windows(2).map(|w| w[0] * w[1]).sum::<f64>() / n as f64;
         // Standard errors: 0.0018, 0.0009, 0.0011.
-        assert!(mean.abs() < 0.009 && (variance - 1.0 / 3.0).abs() < 0.005 && lag.abs() < 0.006, "{mean} {variance} {lag}");
+        assert!(
+            mean.abs() < 0.009 && (variance - 1.0 / 3.0).abs() < 0.005 && lag.abs() < 0.006,
+            "{mean} {variance} {lag}"
+        );
         assert_ne!(uniform(7, 3, 0), uniform(8, 3, 0));
         assert_ne!(uniform(7, 3, 0), uniform(7, 3, 1));
     }

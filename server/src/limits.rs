@@ -49,7 +49,11 @@ pub struct Limits {
 impl Limits {
     /// What a scene may ask for.
     pub fn scene(&self) -> validate::Limits {
-        validate::Limits { max_cells: self.cells_max, max_scene_bytes: self.body_bytes_max, ..Default::default() }
+        validate::Limits {
+            max_cells: self.cells_max,
+            max_scene_bytes: self.body_bytes_max,
+            ..Default::default()
+        }
     }
 }
 

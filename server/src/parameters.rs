@@ -11,7 +11,10 @@ use crate::base_state::BaseState;
 
 /// The scene's grid.
 pub fn grid(scene: &Scene) -> Grid {
-    Grid { cells: scene.domain.cells.map(|n| n as usize), cell_size_m: scene.domain.cell_size_m.map(|d| d as f32) }
+    Grid {
+        cells: scene.domain.cells.map(|n| n as usize),
+        cell_size_m: scene.domain.cell_size_m.map(|d| d as f32),
+    }
 }
 
 /// A piecewise-linear profile at a height; constant beyond its ends, 0 if it is empty.
@@ -30,7 +33,11 @@ pub fn parameters(scene: &Scene, base: &BaseState) -> Parameters {
     let grid = grid(scene);
     let levels = grid.cells[2];
     let single = |values: &[f64]| values.iter().map(|&v| v as f32).collect::<Vec<f32>>();
-    let centres = |profile: &Profile| (0..levels).map(|z| interpolate(profile, grid.centre_height_m(z)) as f32).collect::<Vec<f32>>();
+    let centres = |profile: &Profile| {
+        (0..levels)
+            .map(|z| interpolate(profile, grid.centre_height_m(z)) as f32)
+            .collect::<Vec<f32>>()
+    };
     let heat_reference_k = base.liquid_water_potential_temperature_k[0];
     let effects = &scene.effects;
     let wind = [single(&base.wind_x_m_s), single(&base.wind_y_m_s)];
@@ -43,20 +50,33 @@ pub fn parameters(scene: &Scene, base: &BaseState) -> Parameters {
         exner: single(&base.exner),
         virtual_potential_temperature_k: single(&base.virtual_potential_temperature_k),
         heat_reference_k: heat_reference_k as f32,
-        base_heat_k: base.liquid_water_potential_temperature_k.iter().map(|t| (t - heat_reference_k as f32 as f64) as f32).collect(),
-        turbulence: effects
-            .turbulence
-            .as_ref()
-            .map(|t| Turbulence { coefficient: t.smagorinsky_coefficient as f32, prandtl: t.turbulent_prandtl_number as f32 }),
+        base_heat_k: base
+            .liquid_water_potential_temperature_k
+            .iter()
+            .map(|t| (t - heat_reference_k as f32 as f64) as f32)
+            .collect(),
+        turbulence: effects.turbulence.as_ref().map(|t| Turbulence {
+            coefficient: t.smagorinsky_coefficient as f32,
+            prandtl: t.turbulent_prandtl_number as f32,
+        }),
         surface: effects.surface.as_ref().map(|s| Surface {
             heat_flux_k_m_s: s.heat_flux_k_m_s as f32,
             moisture_flux_m_s: s.moisture_flux_m_s as f32,
             friction_velocity_m_s: s.friction_velocity_m_s as f32,
         }),
         coriolis: effects.coriolis.as_ref().map(|c| Coriolis {
-            parameter_per_s: c.parameter_per_s.unwrap_or_else(|| 2.0 * EARTH_ROTATION_PER_S * scene.domain.latitude_deg.to_radians().sin()) as f32,
-            wind_x_m_s: c.geostrophic_wind_x_m_s.as_ref().map_or_else(|| wind[0].clone(), centres),
-            wind_y_m_s: c.geostrophic_wind_y_m_s.as_ref().map_or_else(|| wind[1].clone(), centres),
+            parameter_per_s: c
+                .parameter_per_s
+                .unwrap_or_else(|| 2.0 * EARTH_ROTATION_PER_S * scene.domain.latitude_deg.to_radians().sin())
+                as f32,
+            wind_x_m_s: c
+                .geostrophic_wind_x_m_s
+                .as_ref()
+                .map_or_else(|| wind[0].clone(), centres),
+            wind_y_m_s: c
+                .geostrophic_wind_y_m_s
+                .as_ref()
+                .map_or_else(|| wind[1].clone(), centres),
         }),
         large_scale: effects.large_scale.as_ref().map(|l| LargeScale {
             vertical_wind_m_s: centres(&l.vertical_wind_m_s),
@@ -69,7 +89,10 @@ pub fn parameters(scene: &Scene, base: &BaseState) -> Parameters {
                 (s.rate_per_s * (0.5 * std::f64::consts::PI * depth).sin().powi(2)) as f32
             };
             let dz = grid.cell_size_m[2] as f64;
-            [(0..levels).map(|z| rate(grid.centre_height_m(z))).collect(), (0..levels).map(|z| rate(z as f64 * dz)).collect()]
+            [
+                (0..levels).map(|z| rate(grid.centre_height_m(z))).collect(),
+                (0..levels).map(|z| rate(z as f64 * dz)).collect(),
+            ]
         }),
         droplet_number_per_m3: effects.moisture.as_ref().map_or(1e8, |m| m.droplet_number_per_m3) as f32,
         base_wind_x_m_s: wind[0].clone(),

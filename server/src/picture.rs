@@ -2,10 +2,10 @@
 
 use std::time::Instant;
 
-use welkin_proto::scene::Scene;
+use welkin_proto::scene::{self, Scene};
 use welkin_proto::wire::FrameFormat;
 use welkin_proto::{ApiError, Camera};
-use welkin_shaders::cpu::view::{Detail, Prepared, ViewSettings, render};
+use welkin_shaders::cpu::view::{Detail, Ground, Prepared, ViewSettings, render};
 
 use crate::world::Snapshot;
 
@@ -38,10 +38,20 @@ impl Renderer {
 
     /// Renders `width * height` pixels from `camera`. Errors: `out_of_range` for a picture of no or absurdly many pixels
     /// (callers set their own, lower limits).
-    pub fn render(&mut self, snapshot: &Snapshot, scene: &Scene, camera: &Camera, width: u32, height: u32) -> Result<Picture, ApiError> {
+    pub fn render(
+        &mut self,
+        snapshot: &Snapshot,
+        scene: &Scene,
+        camera: &Camera,
+        width: u32,
+        height: u32,
+    ) -> Result<Picture, ApiError> {
         const PIXELS_MAX: u64 = 1 << 26;
         if width == 0 || height == 0 || width as u64 * height as u64 > PIXELS_MAX {
-            return Err(ApiError::new("out_of_range", format!("a picture of {width}x{height} is not between 1 and {PIXELS_MAX} pixels")));
+            return Err(ApiError::new(
+                "out_of_range",
+                format!("a picture of {width}x{height} is not between 1 and {PIXELS_MAX} pixels"),
+            ));
         }
         let begin = Instant::now();
         let effects = &scene.effects;
@@ -54,15 +64,27 @@ impl Renderer {
             width: width as usize,
             height: height as usize,
             sun_direction: snapshot.sun_direction,
-            detail: effects.cloud_detail.as_ref().map(|d| Detail { strength: d.strength as f32, scale_m: d.scale_m as f32 }),
+            detail: effects.cloud_detail.as_ref().map(|d| Detail {
+                strength: d.strength as f32,
+                scale_m: d.scale_m as f32,
+            }),
             multiple_scattering_octaves: effects.multiple_scattering.as_ref().map_or(0, |m| m.octaves),
+            ground: match scene.domain.ground {
+                scene::Ground::Land => Ground::Land,
+                scene::Ground::Sea => Ground::Sea,
+            },
             cloud_shadow: effects.cloud_shadow.is_some(),
             visibility_m: effects.aerial_perspective.as_ref().map(|a| a.visibility_m as f32),
             seed: scene.seed,
             surface_altitude_m: scene.domain.surface_altitude_m as f32,
         };
         let rgb8 = render(snapshot.volume.as_deref(), &settings, &mut self.prepared);
-        Ok(Picture { rgb8, width, height, render_ms: begin.elapsed().as_secs_f64() * 1e3 })
+        Ok(Picture {
+            rgb8,
+            width,
+            height,
+            render_ms: begin.elapsed().as_secs_f64() * 1e3,
+        })
     }
 }
 
@@ -75,14 +97,28 @@ pub fn encode(picture: &Picture, format: FrameFormat) -> Result<Vec<u8>, ApiErro
     let mut bytes = Vec::new();
     match format {
         FrameFormat::Jpeg => {
-            let side = |n: u32| u16::try_from(n).map_err(|_| ApiError::new("out_of_range", format!("a JPEG has at most 65535 pixels a side, not {n}")));
+            let side = |n: u32| {
+                u16::try_from(n).map_err(|_| {
+                    ApiError::new(
+                        "out_of_range",
+                        format!("a JPEG has at most 65535 pixels a side, not {n}"),
+                    )
+                })
+            };
             jpeg_encoder::Encoder::new(&mut bytes, JPEG_QUALITY)
-                .encode(&picture.rgb8, side(picture.width)?, side(picture.height)?, jpeg_encoder::ColorType::Rgb)
+                .encode(
+                    &picture.rgb8,
+                    side(picture.width)?,
+                    side(picture.height)?,
+                    jpeg_encoder::ColorType::Rgb,
+                )
                 .map_err(|e| ApiError::new("internal", format!("the picture could not be coded: {e}")))?;
         }
-        FrameFormat::Png => png::PngEncoder::new_with_quality(&mut bytes, png::CompressionType::Fast, png::FilterType::Adaptive)
-            .write_image(&picture.rgb8, picture.width, picture.height, color)
-            .map_err(failed)?,
+        FrameFormat::Png => {
+            png::PngEncoder::new_with_quality(&mut bytes, png::CompressionType::Fast, png::FilterType::Adaptive)
+                .write_image(&picture.rgb8, picture.width, picture.height, color)
+                .map_err(failed)?
+        }
         FrameFormat::Webp => webp::WebPEncoder::new_lossless(&mut bytes)
             .write_image(&picture.rgb8, picture.width, picture.height, color)
             .map_err(failed)?,

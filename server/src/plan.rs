@@ -48,7 +48,9 @@ impl Plan {
         let slow = Pass::SlowClear.info().writes;
         let mut passes: Vec<Pass> = Pass::ALL.iter().copied().filter(wanted).collect();
         // Clearing held tendencies is work for those that add to them; with none of them there is nothing to hold.
-        let holds = passes.iter().any(|p| *p != Pass::SlowClear && p.info().writes.iter().any(|f| slow.contains(f)));
+        let holds = passes
+            .iter()
+            .any(|p| *p != Pass::SlowClear && p.info().writes.iter().any(|f| slow.contains(f)));
         passes.retain(|p| *p != Pass::SlowClear || holds);
         let fields = Field::ALL
             .iter()
@@ -56,11 +58,19 @@ impl Plan {
             .filter(|f| has(&f.effect()))
             .filter(|f| f.is_state() || f.is_start() || passes.iter().any(|p| p.info().writes.contains(f)))
             .collect();
-        Self { effects, passes, fields }
+        Self {
+            effects,
+            passes,
+            fields,
+        }
     }
 
     /// The passes of one phase.
     pub fn phase(&self, phase: Phase) -> Vec<Pass> {
-        self.passes.iter().copied().filter(|p| p.info().phase == phase).collect()
+        self.passes
+            .iter()
+            .copied()
+            .filter(|p| p.info().phase == phase)
+            .collect()
     }
 }

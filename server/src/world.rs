@@ -7,6 +7,7 @@ use welkin_proto::scene::Sun;
 use welkin_proto::wire::{FieldReport, Numbers, PassReport, PlanReport};
 use welkin_proto::{ApiError, Scene};
 use welkin_shaders::catalogue::{Field, Pass, Phase, VIEW_STAGES};
+use welkin_shaders::constants::GRAVITY_M_S2;
 use welkin_shaders::cpu::Cpu;
 use welkin_shaders::cpu::sim::Parameters;
 use welkin_shaders::{CloudReductions, CloudVolume, Device, Reductions, Substep};
@@ -34,7 +35,7 @@ pub struct World {
     plan: Plan,
     parameters: Parameters,
     device: Box<dyn Device>,
-    pool: Option<rayon::ThreadPool>,
+    pool: Arc<rayon::ThreadPool>,
     passes: [Vec<Pass>; 3],
     timings: Vec<Timing>,
     start_unix_s: f64,
@@ -74,18 +75,18 @@ impl World {
         let parameters = parameters::parameters(&scene, &base);
         let mut device: Box<dyn Device> = Box::new(Cpu::new(parameters.clone(), &plan.fields));
         initial::write(&scene, &base, &parameters, device.as_mut());
-        let pool = match threads {
-            None => None,
-            Some(n) => Some(
-                rayon::ThreadPoolBuilder::new()
-                    .num_threads(n)
-                    .build()
-                    .map_err(|e| ApiError::new("internal", format!("no threads to compute on: {e}")))?,
-            ),
-        };
+        // Threads of its own, so that a tick and a picture share the cores by the system's clock and not task by task.
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.unwrap_or(0))
+            .thread_name(|n| format!("world-{n}"))
+            .build()
+            .map_err(|e| ApiError::new("internal", format!("no threads to compute on: {e}")))?;
         let dz = parameters.grid.cell_size_m[2] as f64;
         let theta_v = &base.virtual_potential_temperature_k;
-        let stability = theta_v.windows(2).map(|t| 9.81 / t[0] * (t[1] - t[0]).abs() / dz).fold(0.0, f64::max);
+        let stability = theta_v
+            .windows(2)
+            .map(|t| GRAVITY_M_S2 / t[0] * (t[1] - t[0]).abs() / dz)
+            .fold(0.0, f64::max);
         let passes = [Phase::Step, Phase::Stage, Phase::Publish].map(|p| plan.phase(p));
         let mut world = Self {
             timings: vec![Timing::default(); Pass::ALL.len()],
@@ -94,7 +95,7 @@ impl World {
             plan,
             parameters,
             device,
-            pool,
+            pool: Arc::new(pool),
             passes,
             start_unix_s,
             simulated_s: 0.0,
@@ -148,7 +149,10 @@ impl World {
         if self.device.write(field, values) {
             Ok(())
         } else {
-            Err(ApiError::new("unknown_field", format!("the plan holds no {} of {} values", field.name(), values.len())))
+            Err(ApiError::new(
+                "unknown_field",
+                format!("the plan holds no {} of {} values", field.name(), values.len()),
+            ))
         }
     }
 
@@ -164,7 +168,11 @@ impl World {
 
     /// Advances by one tick: the scene's tick length, or a longer one during spin-up.
     pub fn tick(&mut self) {
-        let length = if self.spinning_up() { self.scene.time.tick_s.max(SPIN_UP_TICK_S) } else { self.scene.time.tick_s };
+        let length = if self.spinning_up() {
+            self.scene.time.tick_s.max(SPIN_UP_TICK_S)
+        } else {
+            self.scene.time.tick_s
+        };
         self.advance_by(length);
     }
 
@@ -182,13 +190,8 @@ impl World {
 
     /// Advances by `length_s` simulated seconds as one tick, in as many equal substeps as stability asks for.
     pub fn advance_by(&mut self, length_s: f64) {
-        match self.pool.take() {
-            Some(pool) => {
-                pool.install(|| self.advance_here(length_s));
-                self.pool = Some(pool);
-            }
-            None => self.advance_here(length_s),
-        }
+        let pool = Arc::clone(&self.pool);
+        pool.install(|| self.advance_here(length_s));
     }
 
     fn advance_here(&mut self, length_s: f64) {
@@ -221,7 +224,13 @@ impl World {
         let by_speed = courant_max / (self.reductions.courant_rate_per_s as f64).max(1e-9);
         let by_buoyancy = BUOYANCY_PHASE_MAX / self.buoyancy_frequency_per_s.max(1e-9);
         let by_mixing = self.parameters.turbulence.as_ref().map_or(f64::INFINITY, |t| {
-            let curvature: f64 = self.parameters.grid.cell_size_m.iter().map(|&d| 1.0 / (d as f64).powi(2)).sum();
+            let curvature: f64 = self
+                .parameters
+                .grid
+                .cell_size_m
+                .iter()
+                .map(|&d| 1.0 / (d as f64).powi(2))
+                .sum();
             let worst = self.reductions.viscosity_max_m2_s as f64 * (1.0f64).max(0.5 / t.prandtl as f64) * curvature;
             0.25 / worst.max(1e-9)
         });
@@ -261,7 +270,10 @@ impl World {
             let values = self.device.read(state).map(<[f32]>::to_vec).unwrap_or_default();
             self.device.write(next, &values);
         }
-        let whole = Substep { substep_s: 1.0, stage: 2 };
+        let whole = Substep {
+            substep_s: 1.0,
+            stage: 2,
+        };
         self.device.run(Pass::PressureSolve, &whole);
         self.device.run(Pass::Project, &whole);
         for (state, next) in [
@@ -276,7 +288,13 @@ impl World {
     }
 
     fn publish(&mut self) {
-        self.run_phase(2, &Substep { substep_s: 0.0, stage: 0 });
+        self.run_phase(
+            2,
+            &Substep {
+                substep_s: 0.0,
+                stage: 0,
+            },
+        );
         self.cloud = self.device.reduce_cloud();
     }
 
@@ -329,7 +347,11 @@ impl World {
             updraught_max_m_s: self.reductions.updraught_max_m_s as f64,
             wind_max_m_s: self.reductions.wind_max_m_s as f64,
             courant: self.reductions.courant_rate_per_s as f64 * self.substep_s,
-            divergence_max_per_s: if self.has_flow() { self.device.divergence_max_per_s() as f64 } else { 0.0 },
+            divergence_max_per_s: if self.has_flow() {
+                self.device.divergence_max_per_s() as f64
+            } else {
+                0.0
+            },
             sun_elevation_deg,
             sun_azimuth_deg,
             ..Numbers::default()
@@ -339,16 +361,20 @@ impl World {
     /// What views need, as it is now.
     pub fn snapshot(&self) -> Snapshot {
         let numbers = self.numbers();
-        let volume = self.device.read(Field::Extinction).zip(self.cloud).map(|(extinction, cloud)| {
-            // The displacement is kept small: the detail noise repeats far below a million metres, f32 resolves centimetres there.
-            let displacement = self.air_displacement_m.map(|d| (d % 1.0e6) as f32);
-            Arc::new(CloudVolume {
-                grid: self.parameters.grid,
-                extinction_per_m: extinction.to_vec(),
-                cloudy_levels: cloud.lit_levels,
-                air_displacement_m: [displacement[0], displacement[1], 0.0],
-            })
-        });
+        let volume = self
+            .device
+            .read(Field::Extinction)
+            .zip(self.cloud)
+            .map(|(extinction, cloud)| {
+                // The displacement is kept small: the detail noise repeats far below a million metres, f32 resolves centimetres there.
+                let displacement = self.air_displacement_m.map(|d| (d % 1.0e6) as f32);
+                Arc::new(CloudVolume {
+                    grid: self.parameters.grid,
+                    extinction_per_m: extinction.to_vec(),
+                    cloudy_levels: cloud.lit_levels,
+                    air_displacement_m: [displacement[0], displacement[1], 0.0],
+                })
+            });
         Snapshot {
             sun_direction: sun::direction([numbers.sun_elevation_deg, numbers.sun_azimuth_deg]),
             numbers,
@@ -360,7 +386,13 @@ impl World {
     /// The plan with what each pass has cost so far. The view's stages are named with the effect that asks for them; their
     /// cost is each picture's own.
     pub fn plan_report(&self) -> PlanReport {
-        let names = |fields: &[Field]| fields.iter().filter(|f| self.plan.fields.contains(f)).map(|f| f.name().to_owned()).collect();
+        let names = |fields: &[Field]| {
+            fields
+                .iter()
+                .filter(|f| self.plan.fields.contains(f))
+                .map(|f| f.name().to_owned())
+                .collect()
+        };
         let mut passes: Vec<PassReport> = self
             .plan
             .passes
@@ -380,24 +412,38 @@ impl World {
                 }
             })
             .collect();
-        passes.extend(VIEW_STAGES.iter().filter(|s| s.needs.iter().all(|e| self.plan.effects.contains(e))).map(|stage| PassReport {
-            stage: stage.name.to_owned(),
-            phase: "view".to_owned(),
-            why: match stage.needs {
-                [] => format!("every picture: {}", stage.what),
-                needs => format!("effect {}: {}", needs.iter().map(|e| e.name()).collect::<Vec<_>>().join(" + "), stage.what),
-            },
-            reads: stage.reads.iter().map(|s| (*s).to_owned()).collect(),
-            writes: stage.writes.iter().map(|s| (*s).to_owned()).collect(),
-            mean_ms: None,
-            runs: 0,
-        }));
+        passes.extend(
+            VIEW_STAGES
+                .iter()
+                .filter(|s| s.needs.iter().all(|e| self.plan.effects.contains(e)))
+                .map(|stage| PassReport {
+                    stage: stage.name.to_owned(),
+                    phase: "view".to_owned(),
+                    why: match stage.needs {
+                        [] => format!("every picture: {}", stage.what),
+                        needs => format!(
+                            "effect {}: {}",
+                            needs.iter().map(|e| e.name()).collect::<Vec<_>>().join(" + "),
+                            stage.what
+                        ),
+                    },
+                    reads: stage.reads.iter().map(|s| (*s).to_owned()).collect(),
+                    writes: stage.writes.iter().map(|s| (*s).to_owned()).collect(),
+                    mean_ms: None,
+                    runs: 0,
+                }),
+        );
         let cell_bytes = 4 * self.parameters.grid.len() as u64;
         let mut fields: Vec<FieldReport> = self
             .plan
             .fields
             .iter()
-            .map(|f| FieldReport { name: f.name().to_owned(), place: f.place().name().to_owned(), unit: f.unit().to_owned(), bytes: cell_bytes })
+            .map(|f| FieldReport {
+                name: f.name().to_owned(),
+                place: f.place().name().to_owned(),
+                unit: f.unit().to_owned(),
+                bytes: cell_bytes,
+            })
             .collect();
         if self.device.solver_bytes() > 0 {
             fields.push(FieldReport {
@@ -408,6 +454,11 @@ impl World {
             });
         }
         let bytes = fields.iter().map(|f| f.bytes).sum();
-        PlanReport { device: self.device.name(), passes, fields, bytes }
+        PlanReport {
+            device: self.device.name(),
+            passes,
+            fields,
+            bytes,
+        }
     }
 }

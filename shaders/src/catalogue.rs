@@ -120,7 +120,10 @@ impl Field {
     /// Whether it keeps the state of a substep's start.
     pub fn is_start(self) -> bool {
         use Field::*;
-        matches!(self, StartVelocityX | StartVelocityY | StartVelocityZ | StartHeat | StartWater)
+        matches!(
+            self,
+            StartVelocityX | StartVelocityY | StartVelocityZ | StartHeat | StartWater
+        )
     }
 }
 
@@ -204,7 +207,7 @@ pub struct PassInfo {
     pub phase: Phase,
     /// The effects that must all be present for it to run; the first is the reason that is shown.
     pub needs: &'static [Effect],
-    /// Fields that must not be asked for, since another pass does more: (effect, never planned with it).
+    /// An effect that must be absent: with it another pass does the same work and more.
     pub unless: Option<Effect>,
     /// Fields it reads; those that the plan doesn't allocate are skipped.
     pub reads: &'static [Field],
@@ -287,7 +290,7 @@ passes! {
 /// A stage of light or view: it runs for a picture, on a published cloud, outside the tick, and writes no field of the state.
 #[derive(Debug)]
 pub struct ViewStage {
-    /// The stage's name; its file is `cpu/light/NAME.rs` or `cpu/view/NAME.rs`.
+    /// The stage's name; its file is `cpu/light/NAME.rs` or `cpu/view/NAME.rs` (a part of a stage stands behind a colon).
     pub name: &'static str,
     /// The effects that must all be present; none: every picture needs it.
     pub needs: &'static [Effect],
@@ -300,4 +303,125 @@ pub struct ViewStage {
 }
 
 /// The stages of light and view, in order.
-pub const VIEW_STAGES: &[ViewStage] = &[];
+pub const VIEW_STAGES: &[ViewStage] = &[
+    ViewStage {
+        name: "transmittance_table",
+        needs: &[],
+        reads: &["atmosphere"],
+        writes: &["air_transmittance"],
+        what: "sunlight through clear air, by height and direction",
+    },
+    ViewStage {
+        name: "multiple_scattering_table",
+        needs: &[],
+        reads: &["atmosphere", "air_transmittance"],
+        writes: &["air_multiple_scattering"],
+        what: "light scattered more than once in clear air",
+    },
+    ViewStage {
+        name: "sky_table",
+        needs: &[],
+        reads: &[
+            "atmosphere",
+            "air_transmittance",
+            "air_multiple_scattering",
+            "sun_direction",
+        ],
+        writes: &["sky_radiance"],
+        what: "the clear sky as seen from the camera",
+    },
+    ViewStage {
+        name: "sky_light",
+        needs: &[],
+        reads: &["air_transmittance", "air_multiple_scattering", "sun_direction"],
+        writes: &["sun_and_sky_on_cloud_and_ground"],
+        what: "what sun, sky and ground give to clouds and land",
+    },
+    ViewStage {
+        name: "shape",
+        needs: &[Effect::Moisture],
+        reads: &["extinction"],
+        writes: &["cloud_cover_and_amplitude"],
+        what: "the cloud as a smooth field, twice as fine as the grid",
+    },
+    ViewStage {
+        name: "occupancy",
+        needs: &[Effect::Moisture],
+        reads: &["cloud_cover_and_amplitude"],
+        writes: &["empty_distance"],
+        what: "how far a ray may leap over empty air",
+    },
+    ViewStage {
+        name: "sky_visibility",
+        needs: &[Effect::Moisture],
+        reads: &["extinction"],
+        writes: &["sky_and_ground_visibility"],
+        what: "how much light of sky and ground reaches the inside of clouds",
+    },
+    ViewStage {
+        name: "sun_optical_depth",
+        needs: &[Effect::Moisture],
+        reads: &[
+            "cloud_cover_and_amplitude",
+            "sky_and_ground_visibility",
+            "sun_direction",
+        ],
+        writes: &["sun_optical_depth", "ground_shadow"],
+        what: "how much cloud lies towards the sun",
+    },
+    ViewStage {
+        name: "detail_noise",
+        needs: &[Effect::CloudDetail],
+        reads: &[],
+        writes: &["detail_tile"],
+        what: "the pattern that carves edges finer than a cell",
+    },
+    ViewStage {
+        name: "march:octaves",
+        needs: &[Effect::MultipleScattering],
+        reads: &["sun_optical_depth"],
+        writes: &["scattered_octaves"],
+        what: "light scattered more than once inside cloud",
+    },
+    ViewStage {
+        name: "march",
+        needs: &[],
+        reads: &[
+            "sky_radiance",
+            "sun_and_sky_on_cloud_and_ground",
+            "cloud_cover_and_amplitude",
+            "sun_optical_depth",
+            "detail_tile",
+        ],
+        writes: &["radiance"],
+        what: "rays of view through sky and cloud to the ground",
+    },
+    ViewStage {
+        name: "ground",
+        needs: &[],
+        reads: &["sun_and_sky_on_cloud_and_ground"],
+        writes: &["radiance"],
+        what: "the land",
+    },
+    ViewStage {
+        name: "ground:shadow",
+        needs: &[Effect::CloudShadow],
+        reads: &["ground_shadow"],
+        writes: &["radiance"],
+        what: "the clouds' shadow on the land",
+    },
+    ViewStage {
+        name: "haze",
+        needs: &[Effect::AerialPerspective],
+        reads: &["atmosphere"],
+        writes: &["radiance"],
+        what: "the air between the camera and the cloud",
+    },
+    ViewStage {
+        name: "tone_map",
+        needs: &[],
+        reads: &["radiance"],
+        writes: &["picture"],
+        what: "exposure, filmic curve, sRGB",
+    },
+];

@@ -104,7 +104,10 @@ fn octaves_brighten_cloud() {
 
 #[test]
 fn an_empty_volume_draws_what_no_volume_draws() {
-    let grid = Grid { cells: [16, 16, 16], cell_size_m: [100.0, 100.0, 50.0] };
+    let grid = Grid {
+        cells: [16, 16, 16],
+        cell_size_m: [100.0, 100.0, 50.0],
+    };
     let view = settings(97, 55);
     let none = draw(None, &view);
     assert_eq!(draw(Some(&volume(grid, vec![0.0; grid.len()])), &view), none);
@@ -112,7 +115,11 @@ fn an_empty_volume_draws_what_no_volume_draws() {
     claims.cloudy_levels = [2, 9];
     assert_eq!(draw(Some(&claims), &view), none);
     claims.extinction_per_m.truncate(7);
-    assert_eq!(draw(Some(&claims), &view), none, "a volume whose numbers do not fit its grid holds no cloud");
+    assert_eq!(
+        draw(Some(&claims), &view),
+        none,
+        "a volume whose numbers do not fit its grid holds no cloud"
+    );
 }
 
 #[test]
@@ -120,7 +127,10 @@ fn the_number_of_threads_changes_no_byte() {
     let cloud = cumulus_field(7, 12);
     let view = settings(161, 91);
     let with = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a thread pool");
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .expect("a thread pool");
         pool.install(|| draw(Some(&cloud), &view))
     };
     let one = with(1);
@@ -166,18 +176,34 @@ fn hard_cameras_give_whole_pictures() {
             [f32::NAN, f32::INFINITY, f32::NEG_INFINITY],
             [3200.0, 3200.0, f32::INFINITY],
         ] {
-            let view = ViewSettings { elevation_deg, camera_position_m: position, ..base };
+            let view = ViewSettings {
+                elevation_deg,
+                camera_position_m: position,
+                ..base
+            };
             check(&format!("at {position:?} looking {elevation_deg}"), view);
         }
     }
     for fov in [0.0, 1e-9, 179.999, 1e9, f32::NAN] {
-        check(&format!("field of view {fov}"), ViewSettings { vertical_fov_deg: fov, ..base });
+        check(
+            &format!("field of view {fov}"),
+            ViewSettings {
+                vertical_fov_deg: fov,
+                ..base
+            },
+        );
     }
     for (width, height) in [(1, 1), (2, 1), (1, 7), (17, 5)] {
         check(&format!("{width} x {height}"), ViewSettings { width, height, ..base });
     }
     for direction in [[0.0, 0.0, 1.0], [0.0; 3], [f32::NAN; 3], [1.0, 0.0, 0.0]] {
-        check(&format!("sun {direction:?}"), ViewSettings { sun_direction: direction, ..base });
+        check(
+            &format!("sun {direction:?}"),
+            ViewSettings {
+                sun_direction: direction,
+                ..base
+            },
+        );
     }
     let empty = render(Some(&cloud), &ViewSettings { width: 0, ..base }, &mut kept);
     assert!(empty.is_empty());
@@ -192,7 +218,10 @@ fn night_is_dark() {
         luminance(mean(&draw(None, &view), 48, 0..48, 0..20))
     };
     let (day, twilight, night) = (at(40.0), at(-5.0), at(-40.0));
-    assert!(night < twilight && twilight < day, "day {day} twilight {twilight} night {night}");
+    assert!(
+        night < twilight && twilight < day,
+        "day {day} twilight {twilight} night {night}"
+    );
 }
 
 #[test]
@@ -215,12 +244,20 @@ fn detail_moves_with_the_air() {
     let mut moved = still.clone();
     moved.air_displacement_m = [70.0, 30.0, 0.0];
     let mut view = settings(96, 54);
-    let difference = |a: &[u8], b: &[u8]| a.iter().zip(b).map(|(a, b)| a.abs_diff(*b) as f64).sum::<f64>() / a.len() as f64;
+    let difference =
+        |a: &[u8], b: &[u8]| a.iter().zip(b).map(|(a, b)| a.abs_diff(*b) as f64).sum::<f64>() / a.len() as f64;
     let first = draw(Some(&still), &view);
-    assert!(difference(&first, &draw(Some(&moved), &view)) > 0.2, "displaced noise must show");
+    assert!(
+        difference(&first, &draw(Some(&moved), &view)) > 0.2,
+        "displaced noise must show"
+    );
     view.detail = None;
     let plain = draw(Some(&still), &view);
-    assert_eq!(plain, draw(Some(&moved), &view), "without detail the displacement shows nowhere");
+    assert_eq!(
+        plain,
+        draw(Some(&moved), &view),
+        "without detail the displacement shows nowhere"
+    );
     assert!(difference(&first, &plain) > 0.5, "detail must show");
 }
 

@@ -41,14 +41,23 @@ fn draw(view: &ViewSettings) -> Vec<u8> {
 #[test]
 fn pictures_are_those_that_were_kept() {
     for (name, view) in views() {
-        let kept = image::open(path(name)).unwrap_or_else(|e| panic!("{name}: {e}")).to_rgb8();
-        assert_eq!((kept.width() as usize, kept.height() as usize), (WIDTH, HEIGHT), "{name}");
+        let kept = image::open(path(name))
+            .unwrap_or_else(|e| panic!("{name}: {e}"))
+            .to_rgb8();
+        assert_eq!(
+            (kept.width() as usize, kept.height() as usize),
+            (WIDTH, HEIGHT),
+            "{name}"
+        );
         let drawn = draw(&view);
         let mut differences: Vec<u8> = drawn.iter().zip(kept.as_raw()).map(|(a, b)| a.abs_diff(*b)).collect();
         let mean = differences.iter().map(|d| *d as f64).sum::<f64>() / differences.len() as f64;
         differences.sort_unstable();
         let nearly_all = differences[differences.len() * 99 / 100];
-        assert!(mean < 2.0 && nearly_all < 12, "{name}: mean difference {mean:.2}, 99 % within {nearly_all}");
+        assert!(
+            mean < 2.0 && nearly_all < 12,
+            "{name}: mean difference {mean:.2}, 99 % within {nearly_all}"
+        );
     }
 }
 
@@ -56,7 +65,13 @@ fn pictures_are_those_that_were_kept() {
 #[ignore = "writes the reference pictures anew"]
 fn regenerate_reference_pictures() {
     for (name, view) in views() {
-        image::save_buffer(path(name), &draw(&view), WIDTH as u32, HEIGHT as u32, image::ColorType::Rgb8)
-            .unwrap_or_else(|e| panic!("{name}: {e}"));
+        image::save_buffer(
+            path(name),
+            &draw(&view),
+            WIDTH as u32,
+            HEIGHT as u32,
+            image::ColorType::Rgb8,
+        )
+        .unwrap_or_else(|e| panic!("{name}: {e}"));
     }
 }

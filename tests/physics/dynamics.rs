@@ -25,7 +25,11 @@ fn field(world: &World, field: Field) -> Vec<f32> {
 fn sum(world: &World, which: Field) -> f64 {
     let density = &world.parameters().density_kg_m3;
     let plane = world.parameters().grid.plane();
-    field(world, which).iter().enumerate().map(|(i, &v)| v as f64 * density[i / plane] as f64).sum()
+    field(world, which)
+        .iter()
+        .enumerate()
+        .map(|(i, &v)| v as f64 * density[i / plane] as f64)
+        .sum()
 }
 
 /// Air of constant density and exner 1, for kernels by themselves.
@@ -75,7 +79,12 @@ fn air_at_rest_stays_at_rest() {
     world.advance_to(3600.0, |_| true);
     let numbers = world.numbers();
     // Buoyancy differs from cell to cell by nothing, from level to level by rounding that pressure takes up.
-    assert!(numbers.wind_max_m_s < 1e-4 && numbers.updraught_max_m_s < 1e-4, "moves at {} and {} m/s", numbers.wind_max_m_s, numbers.updraught_max_m_s);
+    assert!(
+        numbers.wind_max_m_s < 1e-4 && numbers.updraught_max_m_s < 1e-4,
+        "moves at {} and {} m/s",
+        numbers.wind_max_m_s,
+        numbers.updraught_max_m_s
+    );
     assert_eq!(numbers.cloud_cover, Some(0.0));
 }
 
@@ -93,26 +102,38 @@ fn budgets_close_and_the_flow_is_free_of_divergence() {
     let before = [sum(&world, Field::Heat), sum(&world, Field::Water)];
     world.advance_to(600.0, |_| true);
     let after = [sum(&world, Field::Heat), sum(&world, Field::Water)];
-    assert!(world.numbers().updraught_max_m_s > 1.0, "the bubble must rise for this to mean anything");
+    assert!(
+        world.numbers().updraught_max_m_s > 1.0,
+        "the bubble must rise for this to mean anything"
+    );
     for (before, after) in before.into_iter().zip(after) {
         // Flux form: only rounding, about 1e-7 a substep at random signs over some hundred substeps.
         let drift = ((after - before) / before).abs();
         assert!(drift < 3e-6, "drifts by {drift:e}");
     }
     // f32 velocities of some m/s over 100 m resolve a divergence of a few 1e-8 1/s.
-    assert!(world.numbers().divergence_max_per_s < 5e-7, "{:e}", world.numbers().divergence_max_per_s);
+    assert!(
+        world.numbers().divergence_max_per_s < 5e-7,
+        "{:e}",
+        world.numbers().divergence_max_per_s
+    );
 }
 
 #[test]
 fn scalar_advection_converges_on_smooth_flow() {
     // One turn of a sine through a periodic row at constant wind, three Runge-Kutta stages a substep, Courant number 0.2.
     let error = |n: usize| {
-        let grid = Grid { cells: [n, 3, 3], cell_size_m: [1.0 / n as f32, 1.0, 1.0] };
+        let grid = Grid {
+            cells: [n, 3, 3],
+            cell_size_m: [1.0 / n as f32, 1.0, 1.0],
+        };
         let parameters = plain(grid);
         let mut scratch = vec![Scratch::new(&grid); slab_count(&grid)];
         let wind = vec![1.0; grid.len()];
         let still = vec![0.0; grid.len()];
-        let exact: Vec<f32> = (0..grid.len()).map(|i| (2.0 * std::f64::consts::PI * ((i % n) as f64 + 0.5) / n as f64).sin() as f32).collect();
+        let exact: Vec<f32> = (0..grid.len())
+            .map(|i| (2.0 * std::f64::consts::PI * ((i % n) as f64 + 0.5) / n as f64).sin() as f32)
+            .collect();
         let mut state = exact.clone();
         let steps = 5 * n;
         let dt = 1.0 / steps as f32;
@@ -120,7 +141,16 @@ fn scalar_advection_converges_on_smooth_flow() {
             let start = state.clone();
             for part in [1.0 / 3.0, 0.5, 1.0] {
                 let mut next = vec![f32::NAN; grid.len()];
-                advect_scalar::run(&parameters, [&wind, &still, &still], &state, &start, &[], dt * part, &mut next, &mut scratch);
+                advect_scalar::run(
+                    &parameters,
+                    [&wind, &still, &still],
+                    &state,
+                    &start,
+                    &[],
+                    dt * part,
+                    &mut next,
+                    &mut scratch,
+                );
                 state = next;
             }
         }
@@ -135,18 +165,30 @@ fn scalar_advection_converges_on_smooth_flow() {
 #[test]
 fn projection_frees_any_wind_of_divergence() {
     for cells in [[8, 8, 8], [1, 7, 5], [12, 1, 3], [1, 1, 2], [9, 10, 11]] {
-        let grid = Grid { cells, cell_size_m: [50.0, 70.0, 30.0] };
+        let grid = Grid {
+            cells,
+            cell_size_m: [50.0, 70.0, 30.0],
+        };
         let mut parameters = plain(grid);
         for (z, density) in parameters.density_at_z_face_kg_m3.iter_mut().enumerate() {
             *density = 1.2 * (-(z as f32) / 40.0).exp();
         }
         let faces = parameters.density_at_z_face_kg_m3.clone();
-        parameters.density_kg_m3.iter_mut().enumerate().for_each(|(z, d)| *d = 0.5 * (faces[z] + faces[z + 1]));
+        parameters
+            .density_kg_m3
+            .iter_mut()
+            .enumerate()
+            .for_each(|(z, d)| *d = 0.5 * (faces[z] + faces[z + 1]));
         let mut velocity: [Vec<f32>; 3] = [0, 1, 2].map(|a| (0..grid.len()).map(|i| noise(3 * i + a)).collect());
         velocity[2][..grid.plane()].fill(0.0);
         let before = reduce::divergence_max_per_s(&parameters, [&velocity[0], &velocity[1], &velocity[2]]);
         let mut pressure = vec![f32::NAN; grid.len()];
-        pressure_solve::Solver::new(&parameters).run(&parameters, [&velocity[0], &velocity[1], &velocity[2]], 2.0, &mut pressure);
+        pressure_solve::Solver::new(&parameters).run(
+            &parameters,
+            [&velocity[0], &velocity[1], &velocity[2]],
+            2.0,
+            &mut pressure,
+        );
         let [u, v, w] = &mut velocity;
         project::run(&parameters, &pressure, 2.0, [u, v, w]);
         let after = reduce::divergence_max_per_s(&parameters, [&velocity[0], &velocity[1], &velocity[2]]);
@@ -157,7 +199,10 @@ fn projection_frees_any_wind_of_divergence() {
 
 #[test]
 fn saturation_adjustment_agrees_with_bisection_in_f64() {
-    let grid = Grid { cells: [64, 1, 8], cell_size_m: [1.0; 3] };
+    let grid = Grid {
+        cells: [64, 1, 8],
+        cell_size_m: [1.0; 3],
+    };
     let mut parameters = plain(grid);
     for z in 0..8 {
         let pressure = 1.0e5 - 1.0e4 * z as f64;
@@ -170,7 +215,8 @@ fn saturation_adjustment_agrees_with_bisection_in_f64() {
         .map(|i| {
             let z = i / 64;
             let t = parameters.exner[z] as f64 * (300.0 + heat[i] as f64);
-            (c::saturation_specific_humidity(parameters.pressure_pa[z] as f64, t) * 3.0 * ((i % 64) / 8) as f64 / 7.0) as f32
+            (c::saturation_specific_humidity(parameters.pressure_pa[z] as f64, t) * 3.0 * ((i % 64) / 8) as f64 / 7.0)
+                as f32
         })
         .collect();
     let mut cloud = vec![f32::NAN; grid.len()];
@@ -186,16 +232,28 @@ fn saturation_adjustment_agrees_with_bisection_in_f64() {
         let (mut low, mut high) = (cold, cold + latent * water[i] as f64 + 1e-9);
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
-            if excess(middle) > 0.0 { high = middle } else { low = middle }
+            if excess(middle) > 0.0 {
+                high = middle
+            } else {
+                low = middle
+            }
         }
         let truth = (low - cold) / latent;
         wet += usize::from(truth > 1e-6);
         // 1e-3 K in temperature is 4e-7 kg/kg; f32 temperatures resolve 3e-5 K.
-        assert!((cloud[i] as f64 - truth).abs() < 4e-7, "cell {i}: {} for {truth}", cloud[i]);
+        assert!(
+            (cloud[i] as f64 - truth).abs() < 4e-7,
+            "cell {i}: {} for {truth}",
+            cloud[i]
+        );
         let theta = (300.0 + heat[i] as f64) + latent * truth / exner;
         let virtual_theta = theta * (1.0 + (1.0 / c::EPSILON - 1.0) * (water[i] as f64 - truth) - truth);
         let expected = c::GRAVITY_M_S2 * (virtual_theta - 300.0) / 300.0;
-        assert!((buoyancy[i] as f64 - expected).abs() < 1e-4, "cell {i}: {} for {expected}", buoyancy[i]);
+        assert!(
+            (buoyancy[i] as f64 - expected).abs() < 1e-4,
+            "cell {i}: {} for {expected}",
+            buoyancy[i]
+        );
     }
     assert!(wet > 200, "only {wet} cells were cloudy");
 }
@@ -210,7 +268,8 @@ fn same_scene_same_bits_for_any_number_of_threads() {
         for _ in 0..20 {
             world.tick();
         }
-        [Field::VelocityX, Field::VelocityZ, Field::Heat, Field::Water].map(|f| field(&world, f).iter().map(|v| v.to_bits()).collect::<Vec<_>>())
+        [Field::VelocityX, Field::VelocityZ, Field::Heat, Field::Water]
+            .map(|f| field(&world, f).iter().map(|v| v.to_bits()).collect::<Vec<_>>())
     };
     let one = run(1);
     assert!(one == run(2) && one == run(3), "bits differ with the number of threads");
@@ -244,9 +303,16 @@ fn dry_bubble_of_bryan_and_fritsch() {
     assert!((figures[2] / 14.54 - 1.0).abs() < 0.05, "w max {}", figures[2]);
     assert!((figures[3] / -8.58 - 1.0).abs() < 0.08, "w min {}", figures[3]);
     // WENO caps the scalar's overshoots that the reference's linear scheme has.
-    assert!((1.7..2.1).contains(&figures[0]) && figures[1] > -0.15, "theta' {} {}", figures[0], figures[1]);
+    assert!(
+        (1.7..2.1).contains(&figures[0]) && figures[1] > -0.15,
+        "theta' {} {}",
+        figures[0],
+        figures[1]
+    );
     let nx = 200;
-    let lopsided = (0..w.len()).map(|i| (w[i] - w[i / nx * nx + (nx - 1 - i % nx)]).abs()).fold(0.0, f32::max) as f64;
+    let lopsided = (0..w.len())
+        .map(|i| (w[i] - w[i / nx * nx + (nx - 1 - i % nx)]).abs())
+        .fold(0.0, f32::max) as f64;
     assert!(lopsided / figures[2] < 1e-3, "asymmetric by {lopsided} m/s");
 }
 
@@ -279,6 +345,12 @@ fn cumulus_over_omaha_has_its_base_at_the_condensation_level() {
         .find(|&z| c::saturation_specific_humidity(p.pressure_pa[z] as f64, theta * p.exner[z] as f64) < water)
         .expect("a condensation level below the lid") as f64
         * 50.0;
-    eprintln!("cloud base {base} m, condensation level of the mixed air {level} m; reported {:?}", world.base_state().report.mixed_layer_condensation_level);
-    assert!((base - level).abs() <= 100.0, "base {base} m is not within two cells of {level} m");
+    eprintln!(
+        "cloud base {base} m, condensation level of the mixed air {level} m; reported {:?}",
+        world.base_state().report.mixed_layer_condensation_level
+    );
+    assert!(
+        (base - level).abs() <= 100.0,
+        "base {base} m is not within two cells of {level} m"
+    );
 }

@@ -92,7 +92,10 @@ pub struct Answer {
 
 impl Answer {
     pub fn header(&self, name: &str) -> Option<&str> {
-        self.headers.iter().find(|(known, _)| known.eq_ignore_ascii_case(name)).map(|(_, value)| value.as_str())
+        self.headers
+            .iter()
+            .find(|(known, _)| known.eq_ignore_ascii_case(name))
+            .map(|(_, value)| value.as_str())
     }
 
     pub fn json(&self) -> Value {
@@ -107,7 +110,13 @@ impl Answer {
         assert_eq!((self.status, body["code"].as_str()), (status, Some(code)), "{body}");
         assert_eq!(body["pointer"].as_str(), pointer, "{body}");
         assert!(body["message"].as_str().is_some_and(|m| !m.is_empty()), "{body}");
-        assert!(body.as_object().unwrap().keys().all(|k| ["code", "message", "pointer"].contains(&k.as_str())), "{body}");
+        assert!(
+            body.as_object()
+                .unwrap()
+                .keys()
+                .all(|k| ["code", "message", "pointer"].contains(&k.as_str())),
+            "{body}"
+        );
     }
 }
 
@@ -123,22 +132,46 @@ impl Server {
             bytes
         };
         let bytes = timeout(PATIENCE, exchange).await.expect("an answer in time");
-        let head_end = bytes.windows(4).position(|w| w == b"\r\n\r\n").unwrap_or_else(|| panic!("no HTTP answer: {bytes:?}"));
+        let head_end = bytes
+            .windows(4)
+            .position(|w| w == b"\r\n\r\n")
+            .unwrap_or_else(|| panic!("no HTTP answer: {bytes:?}"));
         let head = std::str::from_utf8(&bytes[..head_end]).unwrap();
         let mut lines = head.split("\r\n");
         let status = lines.next().unwrap().split(' ').nth(1).unwrap().parse().unwrap();
-        let headers: Vec<(String, String)> =
-            lines.filter_map(|line| line.split_once(": ")).map(|(k, v)| (k.to_owned(), v.to_owned())).collect();
-        let answer = Answer { status, headers, body: bytes[head_end + 4..].to_vec() };
-        assert_ne!(answer.header("transfer-encoding"), Some("chunked"), "this client reads whole bodies only");
+        let headers: Vec<(String, String)> = lines
+            .filter_map(|line| line.split_once(": "))
+            .map(|(k, v)| (k.to_owned(), v.to_owned()))
+            .collect();
+        let answer = Answer {
+            status,
+            headers,
+            body: bytes[head_end + 4..].to_vec(),
+        };
+        assert_ne!(
+            answer.header("transfer-encoding"),
+            Some("chunked"),
+            "this client reads whole bodies only"
+        );
         answer
     }
 
     /// A request with extra header lines, each ended by CRLF.
     pub async fn request(&self, method: &str, path: &str, headers: &str, body: &[u8]) -> Answer {
-        let length = if body.is_empty() && method == "GET" { String::new() } else { format!("Content-Length: {}\r\n", body.len()) };
-        let connection = if headers.contains("Connection:") { "" } else { "Connection: close\r\n" };
-        let head = format!("{method} {path} HTTP/1.1\r\nHost: {}\r\n{connection}{length}{headers}\r\n", self.address);
+        let length = if body.is_empty() && method == "GET" {
+            String::new()
+        } else {
+            format!("Content-Length: {}\r\n", body.len())
+        };
+        let connection = if headers.contains("Connection:") {
+            ""
+        } else {
+            "Connection: close\r\n"
+        };
+        let head = format!(
+            "{method} {path} HTTP/1.1\r\nHost: {}\r\n{connection}{length}{headers}\r\n",
+            self.address
+        );
         self.raw(&[head.as_bytes(), body].concat()).await
     }
 
@@ -151,7 +184,13 @@ impl Server {
     }
 
     pub async fn post(&self, path: &str, body: &Value) -> Answer {
-        self.request("POST", path, "Content-Type: application/json\r\n", body.to_string().as_bytes()).await
+        self.request(
+            "POST",
+            path,
+            "Content-Type: application/json\r\n",
+            body.to_string().as_bytes(),
+        )
+        .await
     }
 
     pub async fn stream(&self, world: &str) -> Socket {

@@ -15,10 +15,17 @@ async fn page_and_its_files_come_with_types_and_a_policy() {
     assert_eq!(page.status, 200);
     assert_eq!(page.header("content-type"), Some("text/html; charset=utf-8"));
     let policy = page.header("content-security-policy").unwrap();
-    assert!(policy.contains("script-src 'self'") && !policy.contains("unsafe-eval"), "{policy}");
+    assert!(
+        policy.contains("script-src 'self'") && !policy.contains("unsafe-eval"),
+        "{policy}"
+    );
     let html = String::from_utf8(page.body).unwrap();
     // Every file that the page names, and every module that those import, is served.
-    let mut wanted: Vec<String> = html.split('"').filter(|part| part.starts_with("/web/")).map(str::to_owned).collect();
+    let mut wanted: Vec<String> = html
+        .split('"')
+        .filter(|part| part.starts_with("/web/"))
+        .map(str::to_owned)
+        .collect();
     assert!(wanted.len() >= 2, "the page names a style and a script: {wanted:?}");
     let mut seen = 0;
     while seen < wanted.len() {
@@ -27,10 +34,20 @@ async fn page_and_its_files_come_with_types_and_a_policy() {
         let file = server.get(&path).await;
         assert_eq!(file.status, 200, "{path}");
         let media_type = file.header("content-type").unwrap();
-        assert!(media_type.starts_with(if path.ends_with(".css") { "text/css" } else { "text/javascript" }), "{path}: {media_type}");
+        assert!(
+            media_type.starts_with(if path.ends_with(".css") {
+                "text/css"
+            } else {
+                "text/javascript"
+            }),
+            "{path}: {media_type}"
+        );
         assert_eq!(file.header("x-content-type-options"), Some("nosniff"));
         let text = String::from_utf8(file.body).unwrap();
-        let imports = text.lines().filter(|line| line.starts_with("import ")).filter_map(|line| line.split("\"./").nth(1));
+        let imports = text
+            .lines()
+            .filter(|line| line.starts_with("import "))
+            .filter_map(|line| line.split("\"./").nth(1));
         for import in imports {
             let path = format!("/web/{}", import.split('"').next().unwrap());
             if !wanted.contains(&path) {
@@ -38,7 +55,10 @@ async fn page_and_its_files_come_with_types_and_a_policy() {
             }
         }
     }
-    server.get("/web/../Cargo.toml").await.assert_refused(404, "not_found", None);
+    server
+        .get("/web/../Cargo.toml")
+        .await
+        .assert_refused(404, "not_found", None);
     server.get("/web/none.js").await.assert_refused(404, "not_found", None);
 }
 
@@ -52,14 +72,22 @@ async fn health_lists_worlds_that_tick() {
     assert_eq!(first["worlds"][0]["id"], "w1");
     assert_eq!(first["worlds"][0]["running"], true);
     assert!(!first["devices"][0].as_str().unwrap().is_empty());
-    wait_for(&server, "/healthz", |health| health["worlds"][0]["tick"].as_u64() > first["worlds"][0]["tick"].as_u64()).await;
+    wait_for(&server, "/healthz", |health| {
+        health["worlds"][0]["tick"].as_u64() > first["worlds"][0]["tick"].as_u64()
+    })
+    .await;
 }
 
 #[tokio::test]
 async fn scenes_are_listed_and_each_can_be_posted_back() {
     let server = empty_server(Limits::default()).await;
     let list = server.get("/v1/scenes").await.json();
-    let names: Vec<&str> = list.as_array().unwrap().iter().map(|s| s["name"].as_str().unwrap()).collect();
+    let names: Vec<&str> = list
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|s| s["name"].as_str().unwrap())
+        .collect();
     assert!(names.len() >= 4, "{names:?}");
     for name in names {
         let scene = server.get(&format!("/v1/scenes/{name}")).await;
@@ -67,7 +95,10 @@ async fn scenes_are_listed_and_each_can_be_posted_back() {
         let text = String::from_utf8(scene.body).unwrap();
         welkin_proto::validate::parse_scene(&text, &Limits::default().scene()).unwrap();
     }
-    server.get("/v1/scenes/none").await.assert_refused(404, "unknown_scene", None);
+    server
+        .get("/v1/scenes/none")
+        .await
+        .assert_refused(404, "unknown_scene", None);
     let schema = server.get("/v1/schema/scene").await;
     assert_eq!(schema.header("content-type"), Some("application/schema+json"));
     assert!(schema.json()["properties"]["domain"].is_object());
@@ -89,7 +120,12 @@ async fn a_world_is_made_looked_at_commanded_and_stopped() {
     assert_eq!(state["base_state"]["surface_pressure_pa"], 100000.0);
     let plan = server.get(&format!("{path}/plan")).await.json();
     assert!(!plan["passes"].as_array().unwrap().is_empty(), "{plan}");
-    let sum: u64 = plan["fields"].as_array().unwrap().iter().map(|f| f["bytes"].as_u64().unwrap()).sum();
+    let sum: u64 = plan["fields"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|f| f["bytes"].as_u64().unwrap())
+        .sum();
     assert_eq!(plan["bytes"].as_u64(), Some(sum));
 
     let commands = format!("{path}/commands");
@@ -100,17 +136,43 @@ async fn a_world_is_made_looked_at_commanded_and_stopped() {
     let sun = json!({ "command": "sun", "sun": { "from": "fixed", "elevation_deg": 12.0, "azimuth_deg": 90.0 } });
     assert_eq!(server.post(&commands, &sun).await.status, 202);
     let sunny = wait_for(&server, &path, |state| {
-        state["numbers"]["sun_elevation_deg"].as_f64().is_some_and(|e| (e - 12.0).abs() < 1e-6)
+        state["numbers"]["sun_elevation_deg"]
+            .as_f64()
+            .is_some_and(|e| (e - 12.0).abs() < 1e-6)
     });
     assert_eq!(sunny.await["numbers"]["tick"], tick, "a paused world does not tick");
     let before_m_s = paused["numbers"]["wind_max_m_s"].as_f64().unwrap();
-    assert_eq!(server.post(&commands, &json!({ "command": "wind", "add_x_m_s": 7.0, "add_y_m_s": 0.0 })).await.status, 202);
-    assert_eq!(server.post(&commands, &json!({ "command": "time_scale", "time_scale": 50.0 })).await.status, 202);
-    assert_eq!(server.post(&commands, &json!({ "command": "resume" })).await.status, 202);
-    let on = wait_for(&server, &path, |state| state["numbers"]["tick"].as_u64() > tick.as_u64()).await;
+    assert_eq!(
+        server
+            .post(
+                &commands,
+                &json!({ "command": "wind", "add_x_m_s": 7.0, "add_y_m_s": 0.0 })
+            )
+            .await
+            .status,
+        202
+    );
+    assert_eq!(
+        server
+            .post(&commands, &json!({ "command": "time_scale", "time_scale": 50.0 }))
+            .await
+            .status,
+        202
+    );
+    assert_eq!(
+        server.post(&commands, &json!({ "command": "resume" })).await.status,
+        202
+    );
+    let on = wait_for(&server, &path, |state| {
+        state["numbers"]["tick"].as_u64() > tick.as_u64()
+    })
+    .await;
     assert_eq!(on["numbers"]["time_scale"], 50.0);
     let gust_m_s = on["numbers"]["wind_max_m_s"].as_f64().unwrap() - before_m_s;
-    assert!((4.0..10.0).contains(&gust_m_s), "the wind rose by {gust_m_s} m/s where 7 were added");
+    assert!(
+        (4.0..10.0).contains(&gust_m_s),
+        "the wind rose by {gust_m_s} m/s where 7 were added"
+    );
 
     assert_eq!(server.delete(&path).await.status, 204);
     server.get(&path).await.assert_refused(404, "unknown_world", None);
@@ -121,17 +183,28 @@ async fn a_world_is_made_looked_at_commanded_and_stopped() {
 
 #[tokio::test]
 async fn worlds_are_limited_in_number() {
-    let server = server(Limits { worlds_max: 2, ..Limits::default() }).await;
+    let server = server(Limits {
+        worlds_max: 2,
+        ..Limits::default()
+    })
+    .await;
     let body = json!({ "scene": scene() });
     assert_eq!(server.post("/v1/worlds", &body).await.status, 201);
-    server.post("/v1/worlds", &body).await.assert_refused(429, "too_many_worlds", None);
+    server
+        .post("/v1/worlds", &body)
+        .await
+        .assert_refused(429, "too_many_worlds", None);
     assert_eq!(server.delete("/v1/worlds/w2").await.status, 204);
     assert_eq!(server.post("/v1/worlds", &body).await.status, 201);
 }
 
 #[tokio::test]
 async fn bad_scenes_are_refused_with_their_place() {
-    let server = empty_server(Limits { cells_max: 100_000, ..Limits::default() }).await;
+    let server = empty_server(Limits {
+        cells_max: 100_000,
+        ..Limits::default()
+    })
+    .await;
     let changed = |pointer: &str, value: Value| {
         let mut body = json!({ "scene": scene() });
         *body.pointer_mut(pointer).unwrap() = value;
@@ -146,25 +219,60 @@ async fn bad_scenes_are_refused_with_their_place() {
         let answer = server.post("/v1/worlds", &changed(pointer, value)).await;
         answer.assert_refused(400, "out_of_range", Some(pointer));
     }
-    for cells in [json!([0, 16, 16]), json!([4_000_000_000u32, 4_000_000_000u32, 4_000_000_000u32]), json!([64, 64, 64])] {
+    for cells in [
+        json!([0, 16, 16]),
+        json!([4_000_000_000u32, 4_000_000_000u32, 4_000_000_000u32]),
+        json!([64, 64, 64]),
+    ] {
         let answer = server.post("/v1/worlds", &changed("/scene/domain/cells", cells)).await;
         let pointer = answer.json()["pointer"].as_str().unwrap().to_owned();
-        assert!(answer.status == 400 && pointer.starts_with("/scene/domain/cells"), "{} {pointer}", answer.status);
+        assert!(
+            answer.status == 400 && pointer.starts_with("/scene/domain/cells"),
+            "{} {pointer}",
+            answer.status
+        );
     }
     // JSON has no NaN: as a word, as null and as a number beyond all bounds.
     for text in ["NaN", "null", "1e999"] {
-        let body = changed("/scene/time/tick_s", json!(123456.0)).to_string().replace("123456.0", text);
-        let answer = server.request("POST", "/v1/worlds", "Content-Type: application/json\r\n", body.as_bytes()).await;
+        let body = changed("/scene/time/tick_s", json!(123456.0))
+            .to_string()
+            .replace("123456.0", text);
+        let answer = server
+            .request(
+                "POST",
+                "/v1/worlds",
+                "Content-Type: application/json\r\n",
+                body.as_bytes(),
+            )
+            .await;
         assert_eq!(answer.status, 400, "{text}: {}", answer.json());
     }
-    server.post("/v1/worlds", &json!({})).await.assert_refused(400, "bad_body", Some(""));
-    server.post("/v1/worlds", &json!([])).await.assert_refused(400, "bad_body", Some(""));
+    server
+        .post("/v1/worlds", &json!({}))
+        .await
+        .assert_refused(400, "bad_body", Some(""));
+    server
+        .post("/v1/worlds", &json!([]))
+        .await
+        .assert_refused(400, "bad_body", Some(""));
     let both = json!({ "preset": "warm-bubble", "scene": scene() });
-    server.post("/v1/worlds", &both).await.assert_refused(400, "bad_body", Some(""));
-    server.post("/v1/worlds", &json!({ "preset": 3 })).await.assert_refused(400, "bad_body", Some("/preset"));
-    server.post("/v1/worlds", &json!({ "preset": "none" })).await.assert_refused(400, "unknown_preset", Some("/preset"));
+    server
+        .post("/v1/worlds", &both)
+        .await
+        .assert_refused(400, "bad_body", Some(""));
+    server
+        .post("/v1/worlds", &json!({ "preset": 3 }))
+        .await
+        .assert_refused(400, "bad_body", Some("/preset"));
+    server
+        .post("/v1/worlds", &json!({ "preset": "none" }))
+        .await
+        .assert_refused(400, "unknown_preset", Some("/preset"));
     let more = json!({ "preset": "warm-bubble", "colour": "blue" });
-    server.post("/v1/worlds", &more).await.assert_refused(400, "bad_body", None);
+    server
+        .post("/v1/worlds", &more)
+        .await
+        .assert_refused(400, "bad_body", None);
     assert_eq!(server.get("/v1/worlds").await.json(), json!([]), "nothing was started");
 }
 
@@ -172,20 +280,30 @@ async fn bad_scenes_are_refused_with_their_place() {
 async fn frames_come_in_every_format_and_size() {
     let server = server(Limits::default()).await;
     let frame = "/v1/worlds/w1/frame";
-    let starts: [(&str, &str, &[u8]); 3] =
-        [("jpeg", "image/jpeg", b"\xff\xd8\xff"), ("png", "image/png", PNG), ("webp", "image/webp", b"RIFF")];
+    let starts: [(&str, &str, &[u8]); 3] = [
+        ("jpeg", "image/jpeg", b"\xff\xd8\xff"),
+        ("png", "image/png", PNG),
+        ("webp", "image/webp", b"RIFF"),
+    ];
     for (format, media_type, start) in starts {
         let answer = server.get(&format!("{frame}?format={format}&width=48&height=32")).await;
         assert_eq!((answer.status, answer.header("content-type")), (200, Some(media_type)));
         assert!(answer.body.starts_with(start), "{format}");
         assert!(answer.header("x-welkin-tick").unwrap().parse::<u64>().is_ok());
         let timing = answer.header("server-timing").unwrap();
-        assert!(timing.contains("render;dur=") && timing.contains("encode;dur="), "{timing}");
+        assert!(
+            timing.contains("render;dur=") && timing.contains("encode;dur="),
+            "{timing}"
+        );
     }
     let answer = server.get(&format!("{frame}?format=png&width=50&height=20")).await;
     let image = image::load_from_memory(&answer.body).unwrap().to_rgb8();
     assert_eq!(image.dimensions(), (50, 20));
-    let down = server.get(&format!("{frame}?format=png&width=50&height=20&elevation_deg=-90&z_m=900")).await;
+    let down = server
+        .get(&format!(
+            "{frame}?format=png&width=50&height=20&elevation_deg=-90&z_m=900"
+        ))
+        .await;
     let down = image::load_from_memory(&down.body).unwrap().to_rgb8();
     assert_ne!(image, down, "the camera is heeded");
     let default = server.get(&format!("{frame}?format=png")).await;
@@ -214,29 +332,59 @@ async fn frame_requests_out_of_bounds_are_refused_with_their_parameter() {
         ("exposure_ev=1000", "out_of_range", "/exposure_ev"),
         ("colour=blue", "unknown_parameter", "/colour"),
     ] {
-        server.get(&format!("/v1/worlds/w1/frame?{query}")).await.assert_refused(400, code, Some(pointer));
+        server
+            .get(&format!("/v1/worlds/w1/frame?{query}"))
+            .await
+            .assert_refused(400, code, Some(pointer));
     }
-    server.get("/v1/worlds/none/frame").await.assert_refused(404, "unknown_world", None);
-    server.get("/v1/worlds/w01/frame").await.assert_refused(404, "unknown_world", None);
+    server
+        .get("/v1/worlds/none/frame")
+        .await
+        .assert_refused(404, "unknown_world", None);
+    server
+        .get("/v1/worlds/w01/frame")
+        .await
+        .assert_refused(404, "unknown_world", None);
 }
 
 #[tokio::test]
 async fn a_frame_that_the_client_has_is_not_sent_again() {
     let server = server(Limits::default()).await;
-    server.post("/v1/worlds/w1/commands", &json!({ "command": "pause" })).await;
+    server
+        .post("/v1/worlds/w1/commands", &json!({ "command": "pause" }))
+        .await;
     wait_for(&server, "/v1/worlds/w1", |state| state["numbers"]["paused"] == true).await;
     let path = "/v1/worlds/w1/frame?width=32&height=32&format=png";
     let first = server.get(path).await;
     let tag = first.header("etag").unwrap().to_owned();
-    let again = server.request("GET", path, &format!("If-None-Match: \"other\", {tag}\r\n"), b"").await;
-    assert_eq!((again.status, again.body.len(), again.header("etag")), (304, 0, Some(tag.as_str())));
-    let other = server.request("GET", &format!("{path}&azimuth_deg=90"), &format!("If-None-Match: {tag}\r\n"), b"").await;
+    let again = server
+        .request("GET", path, &format!("If-None-Match: \"other\", {tag}\r\n"), b"")
+        .await;
+    assert_eq!(
+        (again.status, again.body.len(), again.header("etag")),
+        (304, 0, Some(tag.as_str()))
+    );
+    let other = server
+        .request(
+            "GET",
+            &format!("{path}&azimuth_deg=90"),
+            &format!("If-None-Match: {tag}\r\n"),
+            b"",
+        )
+        .await;
     assert_eq!(other.status, 200, "another view is another frame");
     // The sun moves while the tick stands: another picture, so another tag.
     let sun = json!({ "command": "sun", "sun": { "from": "fixed", "elevation_deg": 5.0, "azimuth_deg": 250.0 } });
     server.post("/v1/worlds/w1/commands", &sun).await;
-    wait_for(&server, "/v1/worlds/w1", |s| s["numbers"]["sun_elevation_deg"].as_f64().is_some_and(|e| (e - 5.0).abs() < 1e-6)).await;
-    let moved = server.request("GET", path, &format!("If-None-Match: {tag}\r\n"), b"").await;
+    wait_for(&server, "/v1/worlds/w1", |s| {
+        s["numbers"]["sun_elevation_deg"]
+            .as_f64()
+            .is_some_and(|e| (e - 5.0).abs() < 1e-6)
+    })
+    .await;
+    let moved = server
+        .request("GET", path, &format!("If-None-Match: {tag}\r\n"), b"")
+        .await;
     assert_eq!(moved.status, 200);
     assert_eq!(moved.header("x-welkin-tick"), first.header("x-welkin-tick"));
     assert_ne!(moved.body, first.body);
@@ -247,17 +395,35 @@ async fn bad_commands_are_refused() {
     let server = server(Limits::default()).await;
     let path = "/v1/worlds/w1/commands";
     for (body, code, pointer) in [
-        (json!({ "command": "time_scale", "time_scale": 0.0 }), "out_of_range", Some("/time_scale")),
-        (json!({ "command": "time_scale", "time_scale": 1e9 }), "out_of_range", Some("/time_scale")),
-        (json!({ "command": "wind", "add_x_m_s": 1e6, "add_y_m_s": 0.0 }), "out_of_range", Some("/add_x_m_s")),
+        (
+            json!({ "command": "time_scale", "time_scale": 0.0 }),
+            "out_of_range",
+            Some("/time_scale"),
+        ),
+        (
+            json!({ "command": "time_scale", "time_scale": 1e9 }),
+            "out_of_range",
+            Some("/time_scale"),
+        ),
+        (
+            json!({ "command": "wind", "add_x_m_s": 1e6, "add_y_m_s": 0.0 }),
+            "out_of_range",
+            Some("/add_x_m_s"),
+        ),
         (json!({ "command": "explode" }), "bad_body", None),
         (json!("pause"), "bad_body", None),
     ] {
         server.post(path, &body).await.assert_refused(400, code, pointer);
     }
     let sun = json!({ "command": "sun", "sun": { "from": "fixed", "elevation_deg": 95.0, "azimuth_deg": 0.0 } });
-    server.post(path, &sun).await.assert_refused(400, "out_of_range", Some("/sun/elevation_deg"));
-    server.post("/v1/worlds/none/commands", &json!({ "command": "pause" })).await.assert_refused(404, "unknown_world", None);
+    server
+        .post(path, &sun)
+        .await
+        .assert_refused(400, "out_of_range", Some("/sun/elevation_deg"));
+    server
+        .post("/v1/worlds/none/commands", &json!({ "command": "pause" }))
+        .await
+        .assert_refused(404, "unknown_world", None);
 }
 
 #[tokio::test]
@@ -276,17 +442,36 @@ async fn a_scene_of_ones_own_is_rendered() {
         body[name] = value;
         body
     };
-    server.post("/v1/render", &changed("width", json!(0))).await.assert_refused(400, "out_of_range", Some("/width"));
-    server.post("/v1/render", &changed("height", json!(100000))).await.assert_refused(400, "out_of_range", Some("/height"));
-    server.post("/v1/render", &changed("simulated_s", json!(-1.0))).await.assert_refused(400, "out_of_range", Some("/simulated_s"));
-    server.post("/v1/render", &changed("format", json!("gif"))).await.assert_refused(400, "bad_body", None);
+    server
+        .post("/v1/render", &changed("width", json!(0)))
+        .await
+        .assert_refused(400, "out_of_range", Some("/width"));
+    server
+        .post("/v1/render", &changed("height", json!(100000)))
+        .await
+        .assert_refused(400, "out_of_range", Some("/height"));
+    server
+        .post("/v1/render", &changed("simulated_s", json!(-1.0)))
+        .await
+        .assert_refused(400, "out_of_range", Some("/simulated_s"));
+    server
+        .post("/v1/render", &changed("format", json!("gif")))
+        .await
+        .assert_refused(400, "bad_body", None);
     let camera = json!({ "position_m": [0, 0, 0], "azimuth_deg": 0, "elevation_deg": 200, "vertical_fov_deg": 50 });
-    server.post("/v1/render", &changed("camera", camera)).await.assert_refused(400, "out_of_range", Some("/camera/elevation_deg"));
+    server
+        .post("/v1/render", &changed("camera", camera))
+        .await
+        .assert_refused(400, "out_of_range", Some("/camera/elevation_deg"));
 }
 
 #[tokio::test]
 async fn a_render_that_takes_too_long_is_given_up_and_one_too_many_is_refused() {
-    let limits = Limits { render_time_max_s: 1.5, renders_max: 1, ..Limits::default() };
+    let limits = Limits {
+        render_time_max_s: 1.5,
+        renders_max: 1,
+        ..Limits::default()
+    };
     let server = empty_server(limits).await;
     let long = json!({ "scene": scene(), "simulated_s": 86000.0, "width": 16, "height": 16 });
     let short = json!({ "scene": scene(), "simulated_s": 0.0, "width": 16, "height": 16 });
@@ -296,27 +481,68 @@ async fn a_render_that_takes_too_long_is_given_up_and_one_too_many_is_refused() 
     });
     first.assert_refused(503, "render_too_long", None);
     second.assert_refused(429, "busy", None);
-    assert_eq!(server.post("/v1/render", &short).await.status, 200, "its place is free again");
+    assert_eq!(
+        server.post("/v1/render", &short).await.status,
+        200,
+        "its place is free again"
+    );
 }
 
 #[tokio::test]
 async fn requests_that_are_no_requests_get_an_error_of_ours() {
-    let server = server(Limits { body_bytes_max: 20_000, ..Limits::default() }).await;
+    let server = server(Limits {
+        body_bytes_max: 20_000,
+        ..Limits::default()
+    })
+    .await;
     server.get("/nothing").await.assert_refused(404, "not_found", None);
-    server.get("/v1/worlds/%ff%fe").await.assert_refused(404, "not_found", None);
-    server.delete("/v1/scenes").await.assert_refused(405, "method_not_allowed", None);
-    server.get("/v1/render").await.assert_refused(405, "method_not_allowed", None);
+    server
+        .get("/v1/worlds/%ff%fe")
+        .await
+        .assert_refused(404, "not_found", None);
+    server
+        .delete("/v1/scenes")
+        .await
+        .assert_refused(405, "method_not_allowed", None);
+    server
+        .get("/v1/render")
+        .await
+        .assert_refused(405, "method_not_allowed", None);
     let json_type = "Content-Type: application/json\r\n";
-    server.request("POST", "/v1/worlds", "", b"{}").await.assert_refused(415, "unsupported_media_type", None);
-    server.request("POST", "/v1/worlds", "Content-Type: text/plain\r\n", b"{}").await.assert_refused(415, "unsupported_media_type", None);
-    server.request("POST", "/v1/worlds", json_type, b"{\"preset\": ").await.assert_refused(400, "bad_json", None);
-    server.request("POST", "/v1/worlds", json_type, b"\xff\xfe\x00").await.assert_refused(400, "bad_json", None);
-    server.request("POST", "/v1/worlds", json_type, b"").await.assert_refused(400, "bad_json", None);
+    server
+        .request("POST", "/v1/worlds", "", b"{}")
+        .await
+        .assert_refused(415, "unsupported_media_type", None);
+    server
+        .request("POST", "/v1/worlds", "Content-Type: text/plain\r\n", b"{}")
+        .await
+        .assert_refused(415, "unsupported_media_type", None);
+    server
+        .request("POST", "/v1/worlds", json_type, b"{\"preset\": ")
+        .await
+        .assert_refused(400, "bad_json", None);
+    server
+        .request("POST", "/v1/worlds", json_type, b"\xff\xfe\x00")
+        .await
+        .assert_refused(400, "bad_json", None);
+    server
+        .request("POST", "/v1/worlds", json_type, b"")
+        .await
+        .assert_refused(400, "bad_json", None);
     let deep = "[".repeat(10_000);
-    server.request("POST", "/v1/worlds", json_type, deep.as_bytes()).await.assert_refused(400, "bad_json", None);
+    server
+        .request("POST", "/v1/worlds", json_type, deep.as_bytes())
+        .await
+        .assert_refused(400, "bad_json", None);
     let large = vec![b' '; 30_000];
-    server.request("POST", "/v1/worlds", json_type, &large).await.assert_refused(413, "body_too_large", None);
-    server.get("/v1/worlds/w1/stream").await.assert_refused(426, "upgrade_required", None);
+    server
+        .request("POST", "/v1/worlds", json_type, &large)
+        .await
+        .assert_refused(413, "body_too_large", None);
+    server
+        .get("/v1/worlds/w1/stream")
+        .await
+        .assert_refused(426, "upgrade_required", None);
     assert_eq!(server.get("/healthz").await.json()["status"], "ok");
 }
 

@@ -22,9 +22,21 @@ fn a_clear_sky_with_wind_runs_no_thermodynamics() {
     // Three velocities, each with its start and its next value, and the pressure.
     assert_eq!(plan.fields.len(), 10);
     let report = world.plan_report();
-    let grid_bytes: u64 = report.fields.iter().filter(|f| f.place != "spectrum").map(|f| f.bytes).sum();
+    let grid_bytes: u64 = report
+        .fields
+        .iter()
+        .filter(|f| f.place != "spectrum")
+        .map(|f| f.bytes)
+        .sum();
     assert_eq!(grid_bytes, 10 * 8 * 8 * 8 * 4);
-    for field in [Field::Heat, Field::Water, Field::Buoyancy, Field::CloudWater, Field::Extinction, Field::SlowVelocityX] {
+    for field in [
+        Field::Heat,
+        Field::Water,
+        Field::Buoyancy,
+        Field::CloudWater,
+        Field::Extinction,
+        Field::SlowVelocityX,
+    ] {
         assert!(world.device().read(field).is_none(), "{} is allocated", field.name());
     }
     assert!(world.snapshot().volume.is_none());
@@ -38,11 +50,27 @@ fn each_effect_adds_what_it_needs_and_nothing_else() {
         remove(&mut scene);
         Plan::new(&scene)
     };
-    let gone = |plan: &Plan| whole.passes.iter().filter(|p| !plan.passes.contains(p)).map(|p| p.info().name).collect::<Vec<_>>();
+    let gone = |plan: &Plan| {
+        whole
+            .passes
+            .iter()
+            .filter(|p| !plan.passes.contains(p))
+            .map(|p| p.info().name)
+            .collect::<Vec<_>>()
+    };
     let fewer = |plan: &Plan| whole.fields.len() - plan.fields.len();
 
     let plan = without(&|s| s.effects.turbulence = None);
-    assert_eq!(gone(&plan), ["saturation_adjustment:step", "eddy_viscosity", "diffuse_momentum", "diffuse_scalar:heat", "diffuse_scalar:water"]);
+    assert_eq!(
+        gone(&plan),
+        [
+            "saturation_adjustment:step",
+            "eddy_viscosity",
+            "diffuse_momentum",
+            "diffuse_scalar:heat",
+            "diffuse_scalar:water"
+        ]
+    );
     assert_eq!(fewer(&plan), 1);
     let plan = without(&|s| s.effects.surface = None);
     assert_eq!((gone(&plan), fewer(&plan)), (vec!["surface_flux"], 0));
@@ -51,7 +79,10 @@ fn each_effect_adds_what_it_needs_and_nothing_else() {
     let plan = without(&|s| s.effects.sponge = None);
     assert_eq!((gone(&plan), fewer(&plan)), (vec!["sponge"], 0));
     let plan = without(&|s| s.effects.large_scale = None);
-    assert_eq!((gone(&plan), fewer(&plan)), (vec!["large_scale:heat", "large_scale:water", "large_scale:momentum"], 0));
+    assert_eq!(
+        (gone(&plan), fewer(&plan)),
+        (vec!["large_scale:heat", "large_scale:water", "large_scale:momentum"], 0)
+    );
     // Without water, what water needs goes, and dry buoyancy comes.
     let plan = without(&|s| s.effects.moisture = None);
     assert!(plan.passes.contains(&Pass::DryBuoyancy) && !whole.passes.contains(&Pass::DryBuoyancy));
@@ -67,11 +98,23 @@ fn every_planned_field_is_touched_and_every_touched_field_planned() {
     for preset in presets::all() {
         let plan = Plan::new(&presets::find(preset.name).expect("a preset"));
         for field in &plan.fields {
-            assert!(plan.passes.iter().any(|p| p.info().reads.contains(field) || p.info().writes.contains(field)), "{}: {} is idle", preset.name, field.name());
+            assert!(
+                plan.passes
+                    .iter()
+                    .any(|p| p.info().reads.contains(field) || p.info().writes.contains(field)),
+                "{}: {} is idle",
+                preset.name,
+                field.name()
+            );
         }
         for pass in &plan.passes {
             let written = pass.info().writes.iter().filter(|f| plan.fields.contains(f)).count();
-            assert!(written > 0, "{}: {} writes nothing that exists", preset.name, pass.info().name);
+            assert!(
+                written > 0,
+                "{}: {} writes nothing that exists",
+                preset.name,
+                pass.info().name
+            );
         }
     }
 }
@@ -82,14 +125,24 @@ fn the_report_says_what_was_run_and_what_it_cost() {
     world.tick();
     let report = world.plan_report();
     for pass in report.passes.iter().filter(|p| p.phase != "view") {
-        assert!(pass.runs > 0 && pass.mean_ms.is_some_and(|ms| ms >= 0.0), "{} did not run", pass.stage);
+        assert!(
+            pass.runs > 0 && pass.mean_ms.is_some_and(|ms| ms >= 0.0),
+            "{} did not run",
+            pass.stage
+        );
         assert!(pass.why.starts_with("effect "), "{}", pass.why);
     }
     assert_eq!(report.bytes, report.fields.iter().map(|f| f.bytes).sum::<u64>());
     // A picture's stages follow the effects that ask for them.
     let mut plain = cumulus();
     plain.effects.cloud_detail = None;
-    let names = |w: &World| w.plan_report().passes.iter().map(|p| p.stage.clone()).collect::<Vec<_>>();
+    let names = |w: &World| {
+        w.plan_report()
+            .passes
+            .iter()
+            .map(|p| p.stage.clone())
+            .collect::<Vec<_>>()
+    };
     let all = names(&world);
     let fewer = names(&World::new(plain, None).expect("a world"));
     assert!(fewer.len() < all.len(), "no stage of the view depends on cloud_detail");

@@ -610,5 +610,5 @@ fn commands_have_ranges() {
             ("out_of_range", Some(pointer))
         );
     }
-    validate::command(&Command::Pause).expect("nothing to refuse");
+    validate::command(&Command::Pause {}).expect("nothing to refuse");
 }

@@ -19,10 +19,20 @@ async fn hello_then_ticks_that_count_up() {
     let server = server(Limits::default()).await;
     let url = format!("ws://{}/v1/worlds/w1/stream", server.address);
     let (mut socket, _) = tokio_tungstenite::connect_async(url).await.unwrap();
-    let ServerMessage::Hello { protocol, world, scene, cells, .. } = serde_json::from_value(next_json(&mut socket).await).unwrap() else {
+    let ServerMessage::Hello {
+        protocol,
+        world,
+        scene,
+        cells,
+        ..
+    } = serde_json::from_value(next_json(&mut socket).await).unwrap()
+    else {
         panic!("the first message is the hello");
     };
-    assert_eq!((protocol, world.as_str(), scene.as_str(), cells), (PROTOCOL_VERSION, "w1", "small", [16; 3]));
+    assert_eq!(
+        (protocol, world.as_str(), scene.as_str(), cells),
+        (PROTOCOL_VERSION, "w1", "small", [16; 3])
+    );
     let mut ticks = Vec::new();
     while ticks.len() < 5 {
         let ServerMessage::Tick { numbers } = serde_json::from_value(next_json(&mut socket).await).unwrap() else {
@@ -37,7 +47,11 @@ async fn hello_then_ticks_that_count_up() {
 async fn frames_come_when_asked_for_at_the_rate_that_was_asked_for() {
     let server = server(Limits::default()).await;
     let mut socket = server.stream("w1").await;
-    say(&mut socket, json!({ "type": "frames", "width": 32, "height": 24, "format": "png", "max_fps": 4.0 })).await;
+    say(
+        &mut socket,
+        json!({ "type": "frames", "width": 32, "height": 24, "format": "png", "max_fps": 4.0 }),
+    )
+    .await;
     let began = Instant::now();
     for sequence in 0..5 {
         let message = next_frame(&mut socket).await;
@@ -50,7 +64,11 @@ async fn frames_come_when_asked_for_at_the_rate_that_was_asked_for() {
     // `began`, hence the slack.
     assert!(began.elapsed() > Duration::from_millis(850), "{:?}", began.elapsed());
     // A new wish replaces the old one.
-    say(&mut socket, json!({ "type": "frames", "width": 20, "height": 10, "format": "jpeg", "max_fps": 30.0 })).await;
+    say(
+        &mut socket,
+        json!({ "type": "frames", "width": 20, "height": 10, "format": "jpeg", "max_fps": 30.0 }),
+    )
+    .await;
     let mut widths = Vec::new();
     while widths.last() != Some(&20) {
         widths.push(FrameHeader::decode(&next_frame(&mut socket).await).unwrap().0.width);
@@ -60,7 +78,11 @@ async fn frames_come_when_asked_for_at_the_rate_that_was_asked_for() {
     // What was under way may still come; then there are ticks only.
     let mut ticks_in_a_row = 0;
     while ticks_in_a_row < 8 {
-        ticks_in_a_row = if matches!(next(&mut socket).await, Message::Text(_)) { ticks_in_a_row + 1 } else { 0 };
+        ticks_in_a_row = if matches!(next(&mut socket).await, Message::Text(_)) {
+            ticks_in_a_row + 1
+        } else {
+            0
+        };
     }
 }
 
@@ -68,12 +90,20 @@ async fn frames_come_when_asked_for_at_the_rate_that_was_asked_for() {
 async fn a_paused_world_shows_a_moved_camera() {
     let server = server(Limits::default()).await;
     let mut socket = server.stream("w1").await;
-    say(&mut socket, json!({ "type": "command", "command": { "command": "pause" } })).await;
+    say(
+        &mut socket,
+        json!({ "type": "command", "command": { "command": "pause" } }),
+    )
+    .await;
     while next_of(&mut socket, "tick").await["numbers"]["paused"] != true {}
     let mut images = Vec::new();
     for elevation_deg in [-80.0, 80.0] {
         let camera = json!({ "position_m": [800, 800, 200], "azimuth_deg": 0, "elevation_deg": elevation_deg, "vertical_fov_deg": 60 });
-        say(&mut socket, json!({ "type": "frames", "width": 16, "height": 16, "format": "png", "max_fps": 10.0, "camera": camera })).await;
+        say(
+            &mut socket,
+            json!({ "type": "frames", "width": 16, "height": 16, "format": "png", "max_fps": 10.0, "camera": camera }),
+        )
+        .await;
         images.push(FrameHeader::decode(&next_frame(&mut socket).await).unwrap().1.to_vec());
     }
     assert_ne!(images[0], images[1]);
@@ -85,7 +115,9 @@ async fn a_paused_world_shows_a_moved_camera() {
 async fn what_is_not_understood_is_answered_and_the_stream_goes_on() {
     let server = server(Limits::default()).await;
     let mut socket = server.stream("w1").await;
-    let frames = |width: u64, height: u64, max_fps: f64| json!({ "type": "frames", "width": width, "height": height, "max_fps": max_fps }).to_string();
+    let frames = |width: u64, height: u64, max_fps: f64| {
+        json!({ "type": "frames", "width": width, "height": height, "max_fps": max_fps }).to_string()
+    };
     for (text, code, pointer) in [
         ("hello?".to_owned(), "bad_json", None),
         (String::new(), "bad_json", None),
@@ -96,14 +128,28 @@ async fn what_is_not_understood_is_answered_and_the_stream_goes_on() {
         (frames(1 << 40, 1, 5.0), "bad_message", None),
         (frames(10, 10, 0.0), "out_of_range", Some("/max_fps")),
         (frames(10, 10, 1e9), "out_of_range", Some("/max_fps")),
-        (r#"{"type":"command","command":{"command":"time_scale","time_scale":-1}}"#.to_owned(), "out_of_range", Some("/command/time_scale")),
+        (
+            r#"{"type":"command","command":{"command":"time_scale","time_scale":-1}}"#.to_owned(),
+            "out_of_range",
+            Some("/command/time_scale"),
+        ),
     ] {
         socket.send(Message::Text(text.clone().into())).await.unwrap();
         let error = next_of(&mut socket, "error").await["error"].clone();
-        assert_eq!((error["code"].as_str(), error["pointer"].as_str()), (Some(code), pointer), "{text}: {error}");
+        assert_eq!(
+            (error["code"].as_str(), error["pointer"].as_str()),
+            (Some(code), pointer),
+            "{text}: {error}"
+        );
     }
-    socket.send(Message::Binary(Bytes::from_static(b"\0\x01\x02"))).await.unwrap();
-    assert_eq!(next_of(&mut socket, "error").await["error"]["code"], "unexpected_binary");
+    socket
+        .send(Message::Binary(Bytes::from_static(b"\0\x01\x02")))
+        .await
+        .unwrap();
+    assert_eq!(
+        next_of(&mut socket, "error").await["error"]["code"],
+        "unexpected_binary"
+    );
     next_of(&mut socket, "tick").await;
 }
 
@@ -137,7 +183,11 @@ async fn a_message_of_ten_megabytes_ends_the_stream_and_nothing_else() {
 
 #[tokio::test]
 async fn a_client_that_never_reads_is_dropped_and_holds_nobody_up() {
-    let server = server(Limits { stall_timeout_s: 1.0, ..Limits::default() }).await;
+    let server = server(Limits {
+        stall_timeout_s: 1.0,
+        ..Limits::default()
+    })
+    .await;
     // A handshake by hand, with a wish for large frames, and then not one byte is read.
     let mut deaf = tokio::net::TcpStream::connect(server.address).await.unwrap();
     let handshake = format!(
@@ -175,12 +225,22 @@ async fn a_client_that_never_reads_is_dropped_and_holds_nobody_up() {
 
 #[tokio::test]
 async fn streams_are_limited_in_number_and_closed_to_pages_of_other_sites() {
-    let server = server(Limits { streams_max: 1, ..Limits::default() }).await;
+    let server = server(Limits {
+        streams_max: 1,
+        ..Limits::default()
+    })
+    .await;
     let upgrade = "Connection: close, Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
     let foreign = format!("{upgrade}Origin: https://elsewhere.example\r\n");
-    server.request("GET", "/v1/worlds/w1/stream", &foreign, b"").await.assert_refused(403, "foreign_origin", None);
+    server
+        .request("GET", "/v1/worlds/w1/stream", &foreign, b"")
+        .await
+        .assert_refused(403, "foreign_origin", None);
     let first = server.stream("w1").await;
-    server.request("GET", "/v1/worlds/w1/stream", upgrade, b"").await.assert_refused(429, "too_many_streams", None);
+    server
+        .request("GET", "/v1/worlds/w1/stream", upgrade, b"")
+        .await
+        .assert_refused(429, "too_many_streams", None);
     drop(first);
     let began = Instant::now();
     while server.state.stream_count() > 0 {
@@ -188,7 +248,10 @@ async fn streams_are_limited_in_number_and_closed_to_pages_of_other_sites() {
         tokio::time::sleep(Duration::from_millis(10)).await;
     }
     server.stream("w1").await;
-    server.request("GET", "/v1/worlds/none/stream", upgrade, b"").await.assert_refused(404, "unknown_world", None);
+    server
+        .request("GET", "/v1/worlds/none/stream", upgrade, b"")
+        .await
+        .assert_refused(404, "unknown_world", None);
 }
 
 #[tokio::test]

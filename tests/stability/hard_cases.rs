@@ -14,17 +14,115 @@ struct Case {
 }
 
 const CASES: &[Case] = &[
-    Case { name: "one column", preset: "fair-weather-cumulus", change: |s| s.domain.cells = [1, 1, 75], seconds: 1800.0, speed_max_m_s: 30.0 },
-    Case { name: "two cells", preset: "fair-weather-cumulus", change: |s| s.domain.cells = [2, 2, 2], seconds: 3600.0, speed_max_m_s: 30.0 },
-    Case { name: "three cells", preset: "warm-bubble", change: |s| s.domain.cells = [3, 3, 3], seconds: 3600.0, speed_max_m_s: 60.0 },
-    Case { name: "cells a thousand times wider than high", preset: "fair-weather-cumulus", change: |s| { s.domain.cells = [8, 8, 75]; s.domain.cell_size_m = [40_000.0, 40_000.0, 40.0]; }, seconds: 7200.0, speed_max_m_s: 60.0 },
-    Case { name: "tick of ten minutes", preset: "fair-weather-cumulus", change: |s| { small(s); s.time.tick_s = 600.0; }, seconds: 3600.0, speed_max_m_s: 40.0 },
-    Case { name: "tick of ten milliseconds", preset: "fair-weather-cumulus", change: |s| { small(s); s.time.tick_s = 0.01; s.time.spin_up_s = 0.0; }, seconds: 0.5, speed_max_m_s: 20.0 },
-    Case { name: "heating a hundred times too strong", preset: "fair-weather-cumulus", change: |s| { small(s); if let Some(f) = &mut s.effects.surface { f.heat_flux_k_m_s *= 100.0; f.moisture_flux_m_s *= 100.0; } }, seconds: 900.0, speed_max_m_s: 150.0 },
-    Case { name: "bubble of 60 K", preset: "warm-bubble", change: |s| { s.domain.cells = [24, 24, 32]; if let Some(b) = &mut s.effects.bubble { b.potential_temperature_k = 60.0; } }, seconds: 300.0, speed_max_m_s: 300.0 },
-    Case { name: "cold pool of 15 K touches down", preset: "density-current", change: |s| s.domain.cells = [128, 1, 32], seconds: 600.0, speed_max_m_s: 80.0 },
-    Case { name: "wind of 300 m/s", preset: "clear-sky-wind", change: |s| { s.domain.cells = [16, 16, 8]; if let welkin_proto::scene::BaseState::Isentropic { wind_x_m_s, .. } = &mut s.base_state { *wind_x_m_s = 150.0; } }, seconds: 600.0, speed_max_m_s: 160.0 },
-    Case { name: "noise of 5 K from cell to cell", preset: "fair-weather-cumulus", change: |s| { small(s); if let Some(n) = &mut s.effects.noise { n.potential_temperature_k = 5.0; n.total_water_kg_per_kg = 3e-3; } }, seconds: 600.0, speed_max_m_s: 80.0 },
+    Case {
+        name: "one column",
+        preset: "fair-weather-cumulus",
+        change: |s| s.domain.cells = [1, 1, 75],
+        seconds: 1800.0,
+        speed_max_m_s: 30.0,
+    },
+    Case {
+        name: "two cells",
+        preset: "fair-weather-cumulus",
+        change: |s| s.domain.cells = [2, 2, 2],
+        seconds: 3600.0,
+        speed_max_m_s: 30.0,
+    },
+    Case {
+        name: "three cells",
+        preset: "warm-bubble",
+        change: |s| s.domain.cells = [3, 3, 3],
+        seconds: 3600.0,
+        speed_max_m_s: 60.0,
+    },
+    Case {
+        name: "cells a thousand times wider than high",
+        preset: "fair-weather-cumulus",
+        change: |s| {
+            s.domain.cells = [8, 8, 75];
+            s.domain.cell_size_m = [40_000.0, 40_000.0, 40.0];
+        },
+        seconds: 7200.0,
+        speed_max_m_s: 60.0,
+    },
+    Case {
+        name: "tick of ten minutes",
+        preset: "fair-weather-cumulus",
+        change: |s| {
+            small(s);
+            s.time.tick_s = 600.0;
+        },
+        seconds: 3600.0,
+        speed_max_m_s: 40.0,
+    },
+    Case {
+        name: "tick of ten milliseconds",
+        preset: "fair-weather-cumulus",
+        change: |s| {
+            small(s);
+            s.time.tick_s = 0.01;
+            s.time.spin_up_s = 0.0;
+        },
+        seconds: 0.5,
+        speed_max_m_s: 20.0,
+    },
+    Case {
+        name: "heating a hundred times too strong",
+        preset: "fair-weather-cumulus",
+        change: |s| {
+            small(s);
+            if let Some(f) = &mut s.effects.surface {
+                f.heat_flux_k_m_s *= 100.0;
+                f.moisture_flux_m_s *= 100.0;
+            }
+        },
+        seconds: 900.0,
+        speed_max_m_s: 150.0,
+    },
+    Case {
+        name: "bubble of 60 K",
+        preset: "warm-bubble",
+        change: |s| {
+            s.domain.cells = [24, 24, 32];
+            if let Some(b) = &mut s.effects.bubble {
+                b.potential_temperature_k = 60.0;
+            }
+        },
+        seconds: 300.0,
+        speed_max_m_s: 300.0,
+    },
+    Case {
+        name: "cold pool of 15 K touches down",
+        preset: "density-current",
+        change: |s| s.domain.cells = [128, 1, 32],
+        seconds: 600.0,
+        speed_max_m_s: 80.0,
+    },
+    Case {
+        name: "wind of 300 m/s",
+        preset: "clear-sky-wind",
+        change: |s| {
+            s.domain.cells = [16, 16, 8];
+            if let welkin_proto::scene::BaseState::Isentropic { wind_x_m_s, .. } = &mut s.base_state {
+                *wind_x_m_s = 150.0;
+            }
+        },
+        seconds: 600.0,
+        speed_max_m_s: 160.0,
+    },
+    Case {
+        name: "noise of 5 K from cell to cell",
+        preset: "fair-weather-cumulus",
+        change: |s| {
+            small(s);
+            if let Some(n) = &mut s.effects.noise {
+                n.potential_temperature_k = 5.0;
+                n.total_water_kg_per_kg = 3e-3;
+            }
+        },
+        seconds: 600.0,
+        speed_max_m_s: 80.0,
+    },
 ];
 
 fn small(scene: &mut Scene) {
@@ -44,19 +142,47 @@ fn every_case_stays_finite_and_bounded() {
         }
         let numbers = world.numbers();
         let speed = numbers.wind_max_m_s.max(numbers.updraught_max_m_s);
-        assert!(speed.is_finite() && speed < case.speed_max_m_s, "{}: {speed} m/s", case.name);
-        assert!(numbers.divergence_max_per_s < 1e-4, "{}: divergence {:e}", case.name, numbers.divergence_max_per_s);
-        for field in [Field::VelocityX, Field::VelocityY, Field::VelocityZ, Field::Heat, Field::Water] {
+        assert!(
+            speed.is_finite() && speed < case.speed_max_m_s,
+            "{}: {speed} m/s",
+            case.name
+        );
+        assert!(
+            numbers.divergence_max_per_s < 1e-4,
+            "{}: divergence {:e}",
+            case.name,
+            numbers.divergence_max_per_s
+        );
+        for field in [
+            Field::VelocityX,
+            Field::VelocityY,
+            Field::VelocityZ,
+            Field::Heat,
+            Field::Water,
+        ] {
             if let Some(values) = world.device().read(field) {
-                assert!(values.iter().all(|v| v.is_finite()), "{}: {} is not finite", case.name, field.name());
+                assert!(
+                    values.iter().all(|v| v.is_finite()),
+                    "{}: {} is not finite",
+                    case.name,
+                    field.name()
+                );
             }
         }
         if let Some(heat) = world.device().read(Field::Heat) {
-            assert!(heat.iter().all(|t| t.abs() < 150.0), "{}: potential temperature out of bounds", case.name);
+            assert!(
+                heat.iter().all(|t| t.abs() < 150.0),
+                "{}: potential temperature out of bounds",
+                case.name
+            );
         }
         if moist {
             let cloud = world.device().read(Field::CloudWater).expect("planned with moisture");
-            assert!(cloud.iter().all(|&q| (0.0..0.2).contains(&q)), "{}: cloud water out of bounds", case.name);
+            assert!(
+                cloud.iter().all(|&q| (0.0..0.2).contains(&q)),
+                "{}: cloud water out of bounds",
+                case.name
+            );
         }
     }
 }

@@ -49,15 +49,32 @@ fn table(world: &World, plan: &PlanReport) -> String {
     let head = ["PASS", "PHASE", "RUNS", "MEAN MS", "WHY"].map(str::to_owned);
     let passes = plan.passes.iter().map(|pass| {
         let mean_ms = pass.mean_ms.map_or_else(|| "-".to_owned(), |ms| format!("{ms:.3}"));
-        [pass.stage.clone(), pass.phase.clone(), pass.runs.to_string(), mean_ms, pass.why.clone()]
+        [
+            pass.stage.clone(),
+            pass.phase.clone(),
+            pass.runs.to_string(),
+            mean_ms,
+            pass.why.clone(),
+        ]
     });
-    text += &columns(std::iter::once(head).chain(passes).collect(), [false, false, true, true, false]);
+    text += &columns(
+        std::iter::once(head).chain(passes).collect(),
+        [false, false, true, true, false],
+    );
     let head = ["FIELD", "PLACE", "UNIT", "BYTES"].map(str::to_owned);
     let fields = plan.fields.iter().map(|field| {
-        [field.name.clone(), field.place.clone(), field.unit.clone(), field.bytes.to_string()]
+        [
+            field.name.clone(),
+            field.place.clone(),
+            field.unit.clone(),
+            field.bytes.to_string(),
+        ]
     });
     text += "\n";
-    text += &columns(std::iter::once(head).chain(fields).collect(), [false, false, false, true]);
+    text += &columns(
+        std::iter::once(head).chain(fields).collect(),
+        [false, false, false, true],
+    );
     text += &format!(
         "\n{} passes, {} fields, {:.1} MiB\n",
         plan.passes.len(),
@@ -74,7 +91,11 @@ fn columns<const N: usize>(rows: Vec<[String; N]>, right: [bool; N]) -> String {
     for row in &rows {
         let cells = row.iter().enumerate().map(|(c, cell)| {
             let width = widths[c];
-            if right[c] { format!("{cell:>width$}") } else { format!("{cell:<width$}") }
+            if right[c] {
+                format!("{cell:>width$}")
+            } else {
+                format!("{cell:<width$}")
+            }
         });
         text += cells.collect::<Vec<_>>().join("  ").trim_end();
         text += "\n";

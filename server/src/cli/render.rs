@@ -8,7 +8,9 @@ use clap::Args;
 use welkin_proto::wire::FrameFormat;
 use welkin_proto::{Camera, validate};
 
-use super::{Failure, Outcome, SceneFlags, duration_s, interrupt_flag, own_limits, print_line, progress_bar, write_file};
+use super::{
+    Failure, Outcome, SceneFlags, duration_s, interrupt_flag, own_limits, print_line, progress_bar, write_file,
+};
 use crate::picture::{self, Renderer};
 use crate::world::World;
 
@@ -94,27 +96,44 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
 }
 
 fn format_of(path: &std::path::Path) -> Result<FrameFormat, Failure> {
-    match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
+    match path
+        .extension()
+        .and_then(|e| e.to_str())
+        .map(str::to_ascii_lowercase)
+        .as_deref()
+    {
         Some("png") => Ok(FrameFormat::Png),
         Some("jpg" | "jpeg") => Ok(FrameFormat::Jpeg),
         Some("webp") => Ok(FrameFormat::Webp),
-        _ => Err(Failure(format!("{}: the file's name must end in .png, .jpg or .webp", path.display()))),
+        _ => Err(Failure(format!(
+            "{}: the file's name must end in .png, .jpg or .webp",
+            path.display()
+        ))),
     }
 }
 
 fn size(text: &str) -> Result<[u32; 2], String> {
     let wanted = || format!("{text:?} is not a size; write it like 1280x720");
     let (width, height) = text.split_once('x').ok_or_else(wanted)?;
-    let sides = [width.parse::<u32>().map_err(|_| wanted())?, height.parse::<u32>().map_err(|_| wanted())?];
+    let sides = [
+        width.parse::<u32>().map_err(|_| wanted())?,
+        height.parse::<u32>().map_err(|_| wanted())?,
+    ];
     if sides.iter().all(|side| (1..=SIDE_MAX).contains(side)) {
         Ok(sides)
     } else {
-        Err(format!("{text:?} is out of range; each side may have 1 to {SIDE_MAX} pixels"))
+        Err(format!(
+            "{text:?} is out of range; each side may have 1 to {SIDE_MAX} pixels"
+        ))
     }
 }
 
 fn position(text: &str) -> Result<[f64; 3], String> {
     let wanted = || format!("{text:?} is not a position; write it like 3200,3200,2");
-    let numbers = text.split(',').map(|n| n.trim().parse::<f64>()).collect::<Result<Vec<_>, _>>().map_err(|_| wanted())?;
+    let numbers = text
+        .split(',')
+        .map(|n| n.trim().parse::<f64>())
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(|_| wanted())?;
     <[f64; 3]>::try_from(numbers).map_err(|_| wanted())
 }

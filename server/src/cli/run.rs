@@ -8,7 +8,9 @@ use clap::Args;
 use serde_json::{Value, json};
 use welkin_proto::wire::Numbers;
 
-use super::{Failure, Outcome, SceneFlags, duration_s, interrupt_flag, own_limits, print_line, progress_bar, write_file};
+use super::{
+    Failure, Outcome, SceneFlags, duration_s, interrupt_flag, own_limits, print_line, progress_bar, write_file,
+};
 use crate::world::World;
 
 pub(super) const EXAMPLES: &str = "\
@@ -62,7 +64,10 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
         rows.push(row(&numbers)?);
         if !numbers.updraught_max_m_s.is_finite() {
             bar.abandon();
-            return Err(Failure(format!("the fields are no longer finite at tick {}", numbers.tick)));
+            return Err(Failure(format!(
+                "the fields are no longer finite at tick {}",
+                numbers.tick
+            )));
         }
     }
     bar.finish_and_clear();
@@ -78,20 +83,36 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
         write_file(path, text.as_bytes())?;
     }
     let wall_s = began.elapsed().as_secs_f64();
-    print_line(&format!("{}: {} ticks in {wall_s:.1} s", world.scene().name, rows.len()))?;
+    print_line(&format!(
+        "{}: {} ticks in {wall_s:.1} s",
+        world.scene().name,
+        rows.len()
+    ))?;
     if let Some(Value::Object(last)) = rows.last() {
         for (name, value) in last {
             print_line(&format!("  {name:<26} {}", cell(value)))?;
         }
     }
-    Ok(if interrupted.load(Ordering::Relaxed) { Outcome::Interrupted } else { Outcome::Done })
+    Ok(if interrupted.load(Ordering::Relaxed) {
+        Outcome::Interrupted
+    } else {
+        Outcome::Done
+    })
 }
 
 fn form_of(path: &Path) -> Result<Form, Failure> {
-    match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
+    match path
+        .extension()
+        .and_then(|e| e.to_str())
+        .map(str::to_ascii_lowercase)
+        .as_deref()
+    {
         Some("csv") => Ok(Form::Csv),
         Some("json") => Ok(Form::Json),
-        _ => Err(Failure(format!("{}: the file's name must end in .csv or .json", path.display()))),
+        _ => Err(Failure(format!(
+            "{}: the file's name must end in .csv or .json",
+            path.display()
+        ))),
     }
 }
 
@@ -110,7 +131,10 @@ fn csv(rows: &[Value]) -> String {
     let Some(Value::Object(first)) = rows.first() else {
         return String::new();
     };
-    let rest = first.keys().map(String::as_str).filter(|name| !FIRST_COLUMNS.contains(name));
+    let rest = first
+        .keys()
+        .map(String::as_str)
+        .filter(|name| !FIRST_COLUMNS.contains(name));
     let columns: Vec<&str> = FIRST_COLUMNS.into_iter().chain(rest).collect();
     let mut text = columns.join(",") + "\n";
     for row in rows {
@@ -134,10 +158,19 @@ mod tests {
 
     #[test]
     fn csv_has_the_clock_first_and_empty_cells_for_what_is_absent() {
-        let numbers = Numbers { tick: 3, simulated_s: 1.5, utc: "2026-06-21T16:00:01Z".into(), ..Default::default() };
+        let numbers = Numbers {
+            tick: 3,
+            simulated_s: 1.5,
+            utc: "2026-06-21T16:00:01Z".into(),
+            ..Default::default()
+        };
         let text = csv(&[row(&numbers).unwrap()]);
         let lines: Vec<&str> = text.lines().collect();
-        assert!(lines[0].starts_with("tick,simulated_s,utc,cloud_base_m,"), "{}", lines[0]);
+        assert!(
+            lines[0].starts_with("tick,simulated_s,utc,cloud_base_m,"),
+            "{}",
+            lines[0]
+        );
         assert!(lines[1].starts_with("3,1.5,2026-06-21T16:00:01Z,,"), "{}", lines[1]);
         assert_eq!(lines[0].split(',').count(), lines[1].split(',').count());
         assert!(!lines[0].contains("paused"));

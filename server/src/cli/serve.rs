@@ -42,19 +42,25 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
 
 async fn serve(options: Options, scene: Scene) -> Result<Outcome, Failure> {
     // The port first: where it is taken, nobody should wait for a world to be told so.
-    let listener = TcpListener::bind(options.listen).await.map_err(|error| listen_failure(options.listen, &error))?;
+    let listener = TcpListener::bind(options.listen)
+        .await
+        .map_err(|error| listen_failure(options.listen, &error))?;
     let address = listener.local_addr().map_err(|error| Failure(error.to_string()))?;
     let name = scene.name.clone();
     let state = AppState::new(options.limits, options.flags.threads())?;
     let host = state.create_world(scene).await?;
     let device = host.summary().device;
     drop(host);
-    print_line(&format!("Welkin is at http://{address}/ (scene {name}, device {device}). Ctrl-C stops it."))?;
+    print_line(&format!(
+        "Welkin is at http://{address}/ (scene {name}, device {device}). Ctrl-C stops it."
+    ))?;
     let stopping = async {
         stop_signal().await;
         tracing::info!("stopping");
     };
-    serve_until(listener, state, stopping).await.map_err(|error| Failure(format!("serving failed: {error}")))?;
+    serve_until(listener, state, stopping)
+        .await
+        .map_err(|error| Failure(format!("serving failed: {error}")))?;
     Ok(Outcome::Done)
 }
 
@@ -64,8 +70,12 @@ fn listen_failure(address: SocketAddr, error: &std::io::Error) -> Failure {
             "{address} is taken, perhaps by another welkin; choose another with --listen, such as --listen {}:0 for any free port",
             address.ip()
         ),
-        ErrorKind::PermissionDenied => format!("{address} may not be listened on; choose a port above 1023 with --listen"),
-        ErrorKind::AddrNotAvailable => format!("{address} is not an address of this machine; choose another with --listen"),
+        ErrorKind::PermissionDenied => {
+            format!("{address} may not be listened on; choose a port above 1023 with --listen")
+        }
+        ErrorKind::AddrNotAvailable => {
+            format!("{address} is not an address of this machine; choose another with --listen")
+        }
         _ => format!("cannot listen on {address}: {error}"),
     })
 }

@@ -98,10 +98,18 @@ impl RenderService {
     ///
     /// Errors: those of the operating system.
     pub fn start() -> std::io::Result<Self> {
-        let shared = Arc::new(Shared { queue: Mutex::new(Queue::default()), wake: Condvar::new() });
+        let shared = Arc::new(Shared {
+            queue: Mutex::new(Queue::default()),
+            wake: Condvar::new(),
+        });
         let theirs = shared.clone();
-        let thread = std::thread::Builder::new().name("render".into()).spawn(move || render_loop(&theirs))?;
-        Ok(Self { shared, thread: Some(thread) })
+        let thread = std::thread::Builder::new()
+            .name("render".into())
+            .spawn(move || render_loop(&theirs))?;
+        Ok(Self {
+            shared,
+            thread: Some(thread),
+        })
     }
 
     /// Queues a frame; one that is the same as a waiting one is shared with it.
@@ -110,16 +118,28 @@ impl RenderService {
     pub fn request(&self, world: &View, request: FrameRequest, queued_max: usize) -> Result<Ticket, ApiError> {
         let (waiter, answer) = oneshot::channel();
         let mut queue = self.shared.lock();
-        if let Some(job) = queue.jobs.iter_mut().find(|j| j.world.id == world.id && j.request == request) {
+        if let Some(job) = queue
+            .jobs
+            .iter_mut()
+            .find(|j| j.world.id == world.id && j.request == request)
+        {
             job.waiters.push(waiter);
             return Ok(Ticket { job: job.id, answer });
         }
         if queue.jobs.len() >= queued_max {
-            return Err(ApiError::new("busy", format!("{queued_max} frames are waiting to be rendered; try again")));
+            return Err(ApiError::new(
+                "busy",
+                format!("{queued_max} frames are waiting to be rendered; try again"),
+            ));
         }
         let id = queue.next_job;
         queue.next_job += 1;
-        queue.jobs.push_back(Job { id, world: world.clone(), request, waiters: vec![waiter] });
+        queue.jobs.push_back(Job {
+            id,
+            world: world.clone(),
+            request,
+            waiters: vec![waiter],
+        });
         drop(queue);
         self.shared.wake.notify_one();
         Ok(Ticket { job: id, answer })
@@ -129,7 +149,11 @@ impl RenderService {
     /// shared with another viewer.
     pub fn replace(&self, ticket: &Ticket, request: FrameRequest) {
         let mut queue = self.shared.lock();
-        if let Some(job) = queue.jobs.iter_mut().find(|j| j.id == ticket.job && j.waiters.len() == 1) {
+        if let Some(job) = queue
+            .jobs
+            .iter_mut()
+            .find(|j| j.id == ticket.job && j.waiters.len() == 1)
+        {
             job.request = request;
         }
     }
@@ -231,7 +255,7 @@ impl Kept {
         let picture = match self.pictures.iter().find(|(k, _)| k.is(world, revision, request)) {
             Some((_, picture)) => picture.clone(),
             None => {
-                let renderer = self.renderers.entry(world.id.clone()).or_insert_with(Renderer::new);
+                let renderer = self.renderers.entry(world.id.clone()).or_default();
                 let picture = Arc::new(renderer.render(
                     &published.snapshot,
                     &world.scene,

@@ -9,7 +9,11 @@ pub fn in_range(value: f64, low: f64, high: f64, pointer: &str) -> Result<(), Ap
     if (low..=high).contains(&value) {
         return Ok(());
     }
-    Err(ApiError::new("out_of_range", format!("{value} is out of range; allowed is {low} to {high}")).at(pointer))
+    Err(ApiError::new(
+        "out_of_range",
+        format!("{value} is out of range; allowed is {low} to {high}"),
+    )
+    .at(pointer))
 }
 
 /// Refuses a frame that is empty or larger than the limits; pointers `/width`, `/height`.

@@ -40,7 +40,12 @@ impl FromRequestParts<AppState> for NameOf {
 
 async fn name_in_path(parts: &mut Parts, state: &AppState) -> Result<Path<String>, Refusal> {
     let name = Path::<String>::from_request_parts(parts, state).await;
-    name.map_err(|_| Refusal(ApiError::new("not_found", "the path is not valid percent-encoded UTF-8")))
+    name.map_err(|_| {
+        Refusal(ApiError::new(
+            "not_found",
+            "the path is not valid percent-encoded UTF-8",
+        ))
+    })
 }
 
 /// The query as pairs, in order; `bad_query`.
@@ -63,7 +68,11 @@ impl FromRequest<AppState> for JsonText {
     type Rejection = Refusal;
 
     async fn from_request(request: Request, state: &AppState) -> Result<Self, Refusal> {
-        let media_type = request.headers().get(header::CONTENT_TYPE).and_then(|v| v.to_str().ok()).unwrap_or_default();
+        let media_type = request
+            .headers()
+            .get(header::CONTENT_TYPE)
+            .and_then(|v| v.to_str().ok())
+            .unwrap_or_default();
         let essence = media_type.split(';').next().unwrap_or_default().trim();
         if !essence.eq_ignore_ascii_case("application/json") {
             let message = format!("the body's Content-Type is {essence:?}; it must be application/json");

@@ -74,5 +74,12 @@ async fn healthz(State(state): State<AppState>) -> (StatusCode, Json<Health>) {
         streams: state.stream_count() as u64,
         worlds,
     };
-    (if well { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE }, Json(health))
+    (
+        if well {
+            StatusCode::OK
+        } else {
+            StatusCode::SERVICE_UNAVAILABLE
+        },
+        Json(health),
+    )
 }

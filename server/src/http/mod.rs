@@ -132,14 +132,24 @@ pub async fn serve(listener: TcpListener, state: AppState) -> std::io::Result<()
 }
 
 async fn not_found(uri: Uri) -> Refusal {
-    ApiError::new("not_found", format!("nothing is served at {}; see /v1/openapi.json", uri.path())).into()
+    ApiError::new(
+        "not_found",
+        format!("nothing is served at {}; see /v1/openapi.json", uri.path()),
+    )
+    .into()
 }
 
 async fn method_not_allowed(method: Method, uri: Uri) -> Refusal {
-    ApiError::new("method_not_allowed", format!("{method} is not served at {}; see /v1/openapi.json", uri.path())).into()
+    ApiError::new(
+        "method_not_allowed",
+        format!("{method} is not served at {}; see /v1/openapi.json", uri.path()),
+    )
+    .into()
 }
 
 async fn no_sniffing(mut response: Response) -> Response {
-    response.headers_mut().insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    response
+        .headers_mut()
+        .insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
     response
 }

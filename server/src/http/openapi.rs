@@ -14,8 +14,14 @@ use super::route::{Answer, Place, Route, schema_of};
 
 /// The route.
 pub fn route() -> Route {
-    Route::get("/v1/openapi.json", "This document", async || Json(document(&super::routes())))
-        .bytes(200, "The OpenAPI 3.1 description of this service.", &["application/json"])
+    Route::get("/v1/openapi.json", "This document", async || {
+        Json(document(&super::routes()))
+    })
+    .bytes(
+        200,
+        "The OpenAPI 3.1 description of this service.",
+        &["application/json"],
+    )
 }
 
 /// The OpenAPI 3.1 document of a route table.
@@ -28,7 +34,10 @@ pub fn document(routes: &[Route]) -> Value {
     let mut paths: BTreeMap<&str, Map<String, Value>> = BTreeMap::new();
     for route in routes {
         let operation = operation(route, &mut generator);
-        paths.entry(route.path).or_default().insert(route.method.to_owned(), operation);
+        paths
+            .entry(route.path)
+            .or_default()
+            .insert(route.method.to_owned(), operation);
     }
     // The stream's messages travel inside a WebSocket, which OpenAPI has no place for: they are among the schemas.
     generator.subschema_for::<ClientMessage>();
@@ -111,6 +120,9 @@ fn errors_by_status(route: &Route) -> BTreeMap<u16, Vec<&'static str>> {
 
 /// `get_v1_worlds_id_plan` and the like: unique as method and path are.
 fn operation_id(route: &Route) -> String {
-    let path = route.path.split(|c: char| !c.is_ascii_alphanumeric()).filter(|part| !part.is_empty());
+    let path = route
+        .path
+        .split(|c: char| !c.is_ascii_alphanumeric())
+        .filter(|part| !part.is_empty());
     std::iter::once(route.method).chain(path).collect::<Vec<_>>().join("_")
 }

@@ -16,7 +16,11 @@ const FILES: [(&str, &str, &str); 5] = [
     ("stream.js", JAVASCRIPT, include_str!("../../../client/web/stream.js")),
     ("view.js", JAVASCRIPT, include_str!("../../../client/web/view.js")),
     ("panel.js", JAVASCRIPT, include_str!("../../../client/web/panel.js")),
-    ("style.css", "text/css; charset=utf-8", include_str!("../../../client/web/style.css")),
+    (
+        "style.css",
+        "text/css; charset=utf-8",
+        include_str!("../../../client/web/style.css"),
+    ),
 ];
 
 const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
@@ -27,8 +31,11 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'u
 
 /// The page.
 pub fn route() -> Route {
-    Route::get("/", "The web page", async || file("text/html; charset=utf-8", INDEX))
-        .bytes(200, "The page.", &["text/html"])
+    Route::get("/", "The web page", async || file("text/html; charset=utf-8", INDEX)).bytes(
+        200,
+        "The page.",
+        &["text/html"],
+    )
 }
 
 /// A file of the page.
@@ -41,7 +48,8 @@ pub fn file_route() -> Route {
 
 async fn named(NameOf(name): NameOf) -> Result<Response, Refusal> {
     let found = FILES.iter().find(|(known, _, _)| *known == name);
-    let (_, media_type, content) = found.ok_or_else(|| ApiError::new("not_found", format!("the page has no file {name:?}")))?;
+    let (_, media_type, content) =
+        found.ok_or_else(|| ApiError::new("not_found", format!("the page has no file {name:?}")))?;
     Ok(file(media_type, content))
 }
 

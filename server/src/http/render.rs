@@ -10,12 +10,12 @@ use axum::response::Response;
 use welkin_proto::wire::RenderRequest;
 use welkin_proto::{ApiError, Scene, validate};
 
+use super::checks;
 use super::error::{Refusal, internal};
 use super::extract::{JsonText, parse_json, read, take_scene};
 use super::route::Route;
 use super::state::AppState;
 use super::world_frame::{MEDIA_TYPES, image_response};
-use super::checks;
 use crate::host::renderer::{Frame, FrameRequest};
 use crate::picture::{self, Renderer};
 use crate::world::World;
@@ -24,7 +24,11 @@ use crate::world::World;
 pub fn route() -> Route {
     Route::post("/v1/render", "Run a scene of its own and take a picture", render)
         .body::<RenderRequest>()
-        .bytes(200, "The picture, with `X-Welkin-Tick`, `Server-Timing` and `X-Welkin-Simulate-Ms`.", &MEDIA_TYPES)
+        .bytes(
+            200,
+            "The picture, with `X-Welkin-Tick`, `Server-Timing` and `X-Welkin-Simulate-Ms`.",
+            &MEDIA_TYPES,
+        )
         .error("out_of_range")
         .error("unknown_preset")
         .error("busy")
@@ -52,7 +56,13 @@ async fn render(State(state): State<AppState>, JsonText(text): JsonText) -> Resu
         validate::camera(camera, "/camera")?;
     }
     let permit = state.renders().clone().try_acquire_owned().map_err(|_| {
-        ApiError::new("busy", format!("{} renders run already, which is the limit; try again", limits.renders_max))
+        ApiError::new(
+            "busy",
+            format!(
+                "{} renders run already, which is the limit; try again",
+                limits.renders_max
+            ),
+        )
     })?;
     let abandoned = Arc::new(AtomicBool::new(false));
     let _guard = Abandon(abandoned.clone());
@@ -65,7 +75,10 @@ async fn render(State(state): State<AppState>, JsonText(text): JsonText) -> Resu
     let (frame, simulate_ms) = work.await.map_err(internal)??;
     let more = [
         (header::CACHE_CONTROL, "no-store".to_owned()),
-        (header::HeaderName::from_static("x-welkin-simulate-ms"), format!("{simulate_ms:.0}")),
+        (
+            header::HeaderName::from_static("x-welkin-simulate-ms"),
+            format!("{simulate_ms:.0}"),
+        ),
     ];
     Ok(image_response(&frame, more))
 }
@@ -86,7 +99,9 @@ fn run(
         camera: wish.camera.clone().unwrap_or_else(|| scene.camera.clone()),
     };
     let mut world = World::new(scene, threads)?;
-    world.advance_to(wish.simulated_s, |_| began.elapsed() < deadline && !abandoned.load(Ordering::Relaxed));
+    world.advance_to(wish.simulated_s, |_| {
+        began.elapsed() < deadline && !abandoned.load(Ordering::Relaxed)
+    });
     let snapshot = world.snapshot();
     let reached_s = snapshot.numbers.simulated_s;
     if reached_s < wish.simulated_s - 1e-6 {

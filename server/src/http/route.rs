@@ -72,7 +72,16 @@ pub struct Route {
 impl Route {
     fn new(method: &'static str, path: &'static str, summary: &'static str, handler: MethodRouter<AppState>) -> Self {
         let (parameters, answers, errors) = (Vec::new(), Vec::new(), Vec::new());
-        Self { method, path, summary, parameters, request: None, answers, errors, handler }
+        Self {
+            method,
+            path,
+            summary,
+            parameters,
+            request: None,
+            answers,
+            errors,
+            handler,
+        }
     }
 
     /// A route that reads.
@@ -104,19 +113,26 @@ impl Route {
 
     /// With a parameter of type `T`.
     pub fn parameter<T: JsonSchema>(mut self, place: Place, name: &'static str, description: &'static str) -> Self {
-        self.parameters.push(Parameter { place, name, description, schema: schema_of::<T> });
+        self.parameters.push(Parameter {
+            place,
+            name,
+            description,
+            schema: schema_of::<T>,
+        });
         self
     }
 
     /// With the `{id}` of a world, and the error where there is none.
     pub fn of_world(self) -> Self {
-        self.parameter::<String>(Place::Path, "id", "A world's id, as `GET /v1/worlds` lists it.").error("unknown_world")
+        self.parameter::<String>(Place::Path, "id", "A world's id, as `GET /v1/worlds` lists it.")
+            .error("unknown_world")
     }
 
     /// With a JSON request body of type `T`, and the errors that reading it can give.
     pub fn body<T: JsonSchema>(mut self) -> Self {
         self.request = Some(schema_of::<T>);
-        self.errors.extend(["bad_json", "bad_body", "body_too_large", "unsupported_media_type"]);
+        self.errors
+            .extend(["bad_json", "bad_body", "body_too_large", "unsupported_media_type"]);
         self
     }
 
@@ -138,7 +154,11 @@ impl Route {
         schema: Option<SchemaOf>,
     ) -> Self {
         let content = media_types.iter().map(|m| (*m, schema)).collect();
-        self.answers.push(Answer { status, description, content });
+        self.answers.push(Answer {
+            status,
+            description,
+            content,
+        });
         self
     }
 

@@ -9,14 +9,21 @@ use super::route::{Place, Route};
 
 /// The route.
 pub fn route() -> Route {
-    Route::get("/v1/scenes/{name}", "A scene preset, ready to be changed and posted", scene)
-        .parameter::<String>(Place::Path, "name", "A preset's name, as `GET /v1/scenes` lists it.")
-        .json::<Scene>(200, "The scene.")
-        .error("unknown_scene")
+    Route::get(
+        "/v1/scenes/{name}",
+        "A scene preset, ready to be changed and posted",
+        scene,
+    )
+    .parameter::<String>(Place::Path, "name", "A preset's name, as `GET /v1/scenes` lists it.")
+    .json::<Scene>(200, "The scene.")
+    .error("unknown_scene")
 }
 
 async fn scene(NameOf(name): NameOf) -> Result<Json<Scene>, Refusal> {
     // Here the name is the resource itself, so that an unknown one is 404.
-    let scene = presets::find(&name).map_err(|error| ApiError { code: "unknown_scene".to_owned(), ..error })?;
+    let scene = presets::find(&name).map_err(|error| ApiError {
+        code: "unknown_scene".to_owned(),
+        ..error
+    })?;
     Ok(Json(scene))
 }

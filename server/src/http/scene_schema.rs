@@ -9,8 +9,11 @@ use super::route::Route;
 
 /// The route.
 pub fn route() -> Route {
-    Route::get("/v1/schema/scene", "The JSON Schema of a scene document", schema)
-        .bytes(200, "The schema.", &["application/schema+json"])
+    Route::get("/v1/schema/scene", "The JSON Schema of a scene document", schema).bytes(
+        200,
+        "The schema.",
+        &["application/schema+json"],
+    )
 }
 
 async fn schema() -> Result<Response, Refusal> {

@@ -27,7 +27,10 @@ pub fn list() -> Vec<SceneSummary> {
         .iter()
         .filter_map(|preset| {
             let description = presets::find(preset.name).ok()?.description;
-            Some(SceneSummary { name: preset.name.to_owned(), description })
+            Some(SceneSummary {
+                name: preset.name.to_owned(),
+                description,
+            })
         })
         .collect()
 }

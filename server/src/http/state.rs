@@ -59,7 +59,9 @@ impl AppState {
             renderer: RenderService::start().map_err(internal)?,
             limits,
         };
-        Ok(Self { shared: Arc::new(shared) })
+        Ok(Self {
+            shared: Arc::new(shared),
+        })
     }
 
     /// The server's limits.
@@ -106,7 +108,10 @@ impl AppState {
         let number = id.strip_prefix('w').and_then(|number| number.parse().ok());
         let found = number.and_then(|number: u64| self.worlds_locked().running.get(&number).cloned());
         found.filter(|host| *host.view().id == *id).ok_or_else(|| {
-            ApiError::new("unknown_world", format!("there is no world {id:?}; GET /v1/worlds lists them"))
+            ApiError::new(
+                "unknown_world",
+                format!("there is no world {id:?}; GET /v1/worlds lists them"),
+            )
         })
     }
 
@@ -147,9 +152,13 @@ impl AppState {
     /// Errors: `unknown_world`.
     pub async fn delete_world(&self, id: &str) -> Result<(), ApiError> {
         let host = self.world(id)?;
-        self.worlds_locked().running.retain(|_, running| !Arc::ptr_eq(running, &host));
+        self.worlds_locked()
+            .running
+            .retain(|_, running| !Arc::ptr_eq(running, &host));
         self.shared.renderer.forget(&host.view().id);
-        tokio::task::spawn_blocking(move || host.shut_down()).await.map_err(internal)
+        tokio::task::spawn_blocking(move || host.shut_down())
+            .await
+            .map_err(internal)
     }
 
     /// Stops all worlds.
@@ -166,7 +175,10 @@ impl AppState {
         let before = self.shared.streams.fetch_add(1, Ordering::Relaxed);
         let permit = StreamPermit(self.clone());
         if before >= most {
-            return Err(ApiError::new("too_many_streams", format!("{most} streams are open, which is the limit")));
+            return Err(ApiError::new(
+                "too_many_streams",
+                format!("{most} streams are open, which is the limit"),
+            ));
         }
         Ok(permit)
     }

@@ -36,15 +36,43 @@ pub fn route() -> Route {
         .parameter::<FrameFormat>(Query, "format", "Coding of the picture; jpeg.")
         .parameter::<u32>(Query, "width", "Pixels across; 640.")
         .parameter::<u32>(Query, "height", "Pixels down; 360.")
-        .parameter::<f64>(Query, "x_m", "Camera, metres east of the south-west corner; the scene's.")
-        .parameter::<f64>(Query, "y_m", "Camera, metres north of the south-west corner; the scene's.")
+        .parameter::<f64>(
+            Query,
+            "x_m",
+            "Camera, metres east of the south-west corner; the scene's.",
+        )
+        .parameter::<f64>(
+            Query,
+            "y_m",
+            "Camera, metres north of the south-west corner; the scene's.",
+        )
         .parameter::<f64>(Query, "z_m", "Camera, metres above the ground; the scene's.")
-        .parameter::<f64>(Query, "azimuth_deg", "Direction of view, degrees clockwise from north; the scene's.")
-        .parameter::<f64>(Query, "elevation_deg", "Direction of view, degrees above the horizon; the scene's.")
-        .parameter::<f64>(Query, "vertical_fov_deg", "Angle of view from bottom to top, degrees; the scene's.")
+        .parameter::<f64>(
+            Query,
+            "azimuth_deg",
+            "Direction of view, degrees clockwise from north; the scene's.",
+        )
+        .parameter::<f64>(
+            Query,
+            "elevation_deg",
+            "Direction of view, degrees above the horizon; the scene's.",
+        )
+        .parameter::<f64>(
+            Query,
+            "vertical_fov_deg",
+            "Angle of view from bottom to top, degrees; the scene's.",
+        )
         .parameter::<f64>(Query, "exposure_ev", "Exposure compensation, stops; the scene's.")
-        .parameter::<String>(Place::Header, "If-None-Match", "The `ETag` of the frame that the client has.")
-        .bytes(200, "The picture, with `ETag`, `X-Welkin-Tick`, `X-Welkin-Simulated-S`, `Server-Timing`.", &MEDIA_TYPES)
+        .parameter::<String>(
+            Place::Header,
+            "If-None-Match",
+            "The `ETag` of the frame that the client has.",
+        )
+        .bytes(
+            200,
+            "The picture, with `ETag`, `X-Welkin-Tick`, `X-Welkin-Simulated-S`, `Server-Timing`.",
+            &MEDIA_TYPES,
+        )
         .bytes(304, "The client has the newest one.", &[])
         .error("out_of_range")
         .error("bad_parameter")
@@ -66,12 +94,21 @@ async fn frame(
     let query = fingerprint(&request);
     let newest = etag(&view.id, view.newest().revision, query);
     if headers.get_all(header::IF_NONE_MATCH).iter().any(|v| names(v, &newest)) {
-        return Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, newest), (header::CACHE_CONTROL, "no-cache".into())]).into_response());
+        return Ok((
+            StatusCode::NOT_MODIFIED,
+            [(header::ETAG, newest), (header::CACHE_CONTROL, "no-cache".into())],
+        )
+            .into_response());
     }
-    let ticket = state.renderer().request(&view, request, state.limits().queued_frames_max)?;
+    let ticket = state
+        .renderer()
+        .request(&view, request, state.limits().queued_frames_max)?;
     let frame = ticket.answer.await.map_err(internal)??;
     let tag = etag(&view.id, frame.revision, query);
-    Ok(image_response(&frame, [(header::ETAG, tag), (header::CACHE_CONTROL, "no-cache".into())]))
+    Ok(image_response(
+        &frame,
+        [(header::ETAG, tag), (header::CACHE_CONTROL, "no-cache".into())],
+    ))
 }
 
 /// A frame as an answer.
@@ -101,14 +138,26 @@ fn etag(world: &str, revision: u64, query: u64) -> String {
 /// Whether an `If-None-Match` header lists this tag (weak comparison, RFC 9110 section 13.1.2).
 fn names(value: &HeaderValue, tag: &str) -> bool {
     let listed = value.to_str().unwrap_or_default().split(',').map(str::trim);
-    listed.map(|t| t.strip_prefix("W/").unwrap_or(t)).any(|t| t == tag || t == "*")
+    listed
+        .map(|t| t.strip_prefix("W/").unwrap_or(t))
+        .any(|t| t == tag || t == "*")
 }
 
 fn fingerprint(request: &FrameRequest) -> u64 {
-    let FrameRequest { width, height, format, camera } = request;
+    let FrameRequest {
+        width,
+        height,
+        format,
+        camera,
+    } = request;
     let mut hasher = DefaultHasher::new();
     (width, height, format).hash(&mut hasher);
-    let angles = [camera.azimuth_deg, camera.elevation_deg, camera.vertical_fov_deg, camera.exposure_ev];
+    let angles = [
+        camera.azimuth_deg,
+        camera.elevation_deg,
+        camera.vertical_fov_deg,
+        camera.exposure_ev,
+    ];
     for value in camera.position_m.iter().chain(&angles) {
         value.to_bits().hash(&mut hasher);
     }
@@ -118,7 +167,12 @@ fn fingerprint(request: &FrameRequest) -> u64 {
 /// Reads the query; what is absent comes from the scene's camera.
 fn parse(pairs: &[(String, String)], scene_camera: &Camera, limits: &Limits) -> Result<FrameRequest, ApiError> {
     let [width, height] = DEFAULT_SIZE;
-    let mut request = FrameRequest { width, height, format: FrameFormat::default(), camera: scene_camera.clone() };
+    let mut request = FrameRequest {
+        width,
+        height,
+        format: FrameFormat::default(),
+        camera: scene_camera.clone(),
+    };
     let camera = &mut request.camera;
     for (name, value) in pairs {
         match name.as_str() {
@@ -181,5 +235,9 @@ fn invalid(name: &str, value: &str, wanted: &str) -> ApiError {
 
 /// A name as a part of a JSON pointer (RFC 6901).
 fn escape(name: &str) -> String {
-    name.chars().take(40).collect::<String>().replace('~', "~0").replace('/', "~1")
+    name.chars()
+        .take(40)
+        .collect::<String>()
+        .replace('~', "~0")
+        .replace('/', "~1")
 }

@@ -8,9 +8,13 @@ use super::route::Route;
 
 /// The route.
 pub fn route() -> Route {
-    Route::get("/v1/worlds/{id}/plan", "A world's passes, why each is there, its fields and what they cost", plan)
-        .of_world()
-        .json::<PlanReport>(200, "The plan with the times measured so far.")
+    Route::get(
+        "/v1/worlds/{id}/plan",
+        "A world's passes, why each is there, its fields and what they cost",
+        plan,
+    )
+    .of_world()
+    .json::<PlanReport>(200, "The plan with the times measured so far.")
 }
 
 async fn plan(WorldOf(host): WorldOf) -> Json<PlanReport> {

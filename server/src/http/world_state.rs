@@ -27,9 +27,13 @@ pub struct WorldState {
 
 /// The route.
 pub fn route() -> Route {
-    Route::get("/v1/worlds/{id}", "A world's scene, base state and newest numbers", state)
-        .of_world()
-        .json::<WorldState>(200, "The world.")
+    Route::get(
+        "/v1/worlds/{id}",
+        "A world's scene, base state and newest numbers",
+        state,
+    )
+    .of_world()
+    .json::<WorldState>(200, "The world.")
 }
 
 async fn state(WorldOf(host): WorldOf) -> Json<WorldState> {

@@ -11,8 +11,8 @@ use axum::extract::{FromRequestParts, Request, State};
 use axum::http::{HeaderMap, header};
 use axum::response::Response;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until, timeout};
-use welkin_proto::{ApiError, validate};
 use welkin_proto::wire::{ClientMessage, FRAME_HEADER_BYTES, FrameHeader, PROTOCOL_VERSION, ServerMessage};
+use welkin_proto::{ApiError, validate};
 
 use super::checks;
 use super::error::Refusal;
@@ -31,7 +31,8 @@ const CLOSE_GRACE: Duration = Duration::from_millis(500);
 
 /// The route.
 pub fn route() -> Route {
-    let summary = "A live stream (WebSocket): text is `ServerMessage` and `ClientMessage`, binary is a frame behind its header";
+    let summary =
+        "A live stream (WebSocket): text is `ServerMessage` and `ClientMessage`, binary is a frame behind its header";
     Route::get("/v1/worlds/{id}/stream", summary, open)
         .of_world()
         .parameter::<String>(Place::Header, "Upgrade", "`websocket`")
@@ -49,13 +50,20 @@ async fn open(State(state): State<AppState>, WorldOf(host): WorldOf, request: Re
     let permit = state.open_stream()?;
     let most = state.limits().message_bytes_max;
     let view = host.view().clone();
-    Ok(upgrade.max_message_size(most).max_frame_size(most).on_upgrade(move |socket| run(socket, state, view, permit)))
+    Ok(upgrade
+        .max_message_size(most)
+        .max_frame_size(most)
+        .on_upgrade(move |socket| run(socket, state, view, permit)))
 }
 
 /// A page of another site must not command a world through its visitor's browser. Browsers always say where a page
 /// came from; programs that are no browsers say nothing.
 fn refuse_foreign_origin(headers: &HeaderMap) -> Result<(), ApiError> {
-    let text = |name| headers.get(name).map(|v: &header::HeaderValue| v.to_str().unwrap_or_default());
+    let text = |name| {
+        headers
+            .get(name)
+            .map(|v: &header::HeaderValue| v.to_str().unwrap_or_default())
+    };
     let Some(origin) = text(header::ORIGIN) else {
         return Ok(());
     };
@@ -63,7 +71,10 @@ fn refuse_foreign_origin(headers: &HeaderMap) -> Result<(), ApiError> {
     if text(header::HOST).is_some_and(|host| host.eq_ignore_ascii_case(authority)) {
         return Ok(());
     }
-    Err(ApiError::new("foreign_origin", "the stream is open to pages of this server only"))
+    Err(ApiError::new(
+        "foreign_origin",
+        "the stream is open to pages of this server only",
+    ))
 }
 
 /// Why a stream ends.
@@ -122,7 +133,10 @@ async fn run(socket: WebSocket, state: AppState, world: View, _permit: StreamPer
         End::Rule(code, reason) => (code, reason),
         End::WorldStopped => (close_code::AWAY, "the world has stopped"),
     };
-    let close = Message::Close(Some(CloseFrame { code, reason: reason.into() }));
+    let close = Message::Close(Some(CloseFrame {
+        code,
+        reason: reason.into(),
+    }));
     if stream.send(close).await.is_ok() && code == close_code::SIZE {
         // What the client still sends is not read; cutting the connection at once would take the close frame with it.
         tokio::time::sleep(CLOSE_GRACE).await;
@@ -226,7 +240,7 @@ impl Stream {
         let message: ClientMessage =
             serde_json::from_value(value).map_err(|e| ApiError::new("bad_message", e.to_string()))?;
         match message {
-            ClientMessage::NoFrames => {
+            ClientMessage::NoFrames {} => {
                 self.wish = None;
                 self.ticket = None;
             }
@@ -237,18 +251,32 @@ impl Stream {
                     None => error,
                 }
             })?,
-            ClientMessage::Frames { width, height, format, max_fps, camera } => {
+            ClientMessage::Frames {
+                width,
+                height,
+                format,
+                max_fps,
+                camera,
+            } => {
                 checks::size(width, height, self.state.limits())?;
                 checks::in_range(max_fps, 0.01, self.state.limits().frames_per_s_max, "/max_fps")?;
                 if let Some(camera) = &camera {
                     validate::camera(camera, "/camera")?;
                 }
                 let camera = camera.unwrap_or_else(|| self.world.scene.camera.clone());
-                let request = FrameRequest { width, height, format, camera };
+                let request = FrameRequest {
+                    width,
+                    height,
+                    format,
+                    camera,
+                };
                 if let Some(ticket) = &self.ticket {
                     self.state.renderer().replace(ticket, request.clone());
                 }
-                self.wish = Some(Wish { request, between: Duration::from_secs_f64(1.0 / max_fps) });
+                self.wish = Some(Wish {
+                    request,
+                    between: Duration::from_secs_f64(1.0 / max_fps),
+                });
                 self.shown = None;
             }
         }
@@ -268,7 +296,11 @@ impl Stream {
         let now = Instant::now();
         self.next_frame_at = (self.next_frame_at + wish.between).max(now);
         let request = wish.request.clone();
-        match self.state.renderer().request(&self.world, request, self.state.limits().queued_frames_max) {
+        match self
+            .state
+            .renderer()
+            .request(&self.world, request, self.state.limits().queued_frames_max)
+        {
             Ok(ticket) => {
                 self.ticket = Some(ticket);
                 Ok(())

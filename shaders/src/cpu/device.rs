@@ -26,7 +26,11 @@ impl Cpu {
         let grid = parameters.grid;
         Self {
             fields: Fields::new(grid.len(), planned),
-            scratch: if planned.contains(&Field::NextVelocityX) { vec![Scratch::new(&grid); slab_count(&grid)] } else { Vec::new() },
+            scratch: if planned.contains(&Field::NextVelocityX) {
+                vec![Scratch::new(&grid); slab_count(&grid)]
+            } else {
+                Vec::new()
+            },
             levels: vec![Reductions::default(); grid.cells[2]],
             solver: planned.contains(&Field::Pressure).then(|| Solver::new(&parameters)),
             parameters,
@@ -48,12 +52,20 @@ impl Cpu {
 
     fn saturate(&mut self) {
         self.writing([Field::CloudWater, Field::Buoyancy], |d, [cloud, buoyancy]| {
-            saturation_adjustment::run(&d.parameters, d.fields.get(Field::Heat), d.fields.get(Field::Water), cloud, buoyancy);
+            saturation_adjustment::run(
+                &d.parameters,
+                d.fields.get(Field::Heat),
+                d.fields.get(Field::Water),
+                cloud,
+                buoyancy,
+            );
         });
     }
 
     fn dry_buoyancy(&mut self) {
-        self.writing([Field::Buoyancy], |d, [buoyancy]| dry_buoyancy::run(&d.parameters, d.fields.get(Field::Heat), buoyancy));
+        self.writing([Field::Buoyancy], |d, [buoyancy]| {
+            dry_buoyancy::run(&d.parameters, d.fields.get(Field::Heat), buoyancy)
+        });
     }
 
     fn advect_scalar(&mut self, state: Field, start: Field, slow: Field, next: Field, substep: &Substep) {
@@ -61,27 +73,55 @@ impl Cpu {
         self.writing([next], |d, [out]| {
             // In stage 0 the state is the start; the start's own memory is the one before.
             let start = d.fields.get(if substep.stage == 0 { state } else { start });
-            advect_scalar::run(&d.parameters, d.velocity(), d.fields.get(state), start, d.fields.get(slow), substep.stage_s(), out, &mut scratch);
+            advect_scalar::run(
+                &d.parameters,
+                d.velocity(),
+                d.fields.get(state),
+                start,
+                d.fields.get(slow),
+                substep.stage_s(),
+                out,
+                &mut scratch,
+            );
         });
         self.scratch = scratch;
     }
 
     fn advect_momentum(&mut self, substep: &Substep) {
         let mut scratch = std::mem::take(&mut self.scratch);
-        self.writing([Field::NextVelocityX, Field::NextVelocityY, Field::NextVelocityZ], |d, out| {
-            let start = if substep.stage == 0 {
-                d.velocity()
-            } else {
-                [Field::StartVelocityX, Field::StartVelocityY, Field::StartVelocityZ].map(|f| d.fields.get(f))
-            };
-            let slow = [Field::SlowVelocityX, Field::SlowVelocityY, Field::SlowVelocityZ].map(|f| d.fields.get(f));
-            advect_momentum::run(&d.parameters, d.velocity(), start, slow, d.fields.get(Field::Buoyancy), substep.stage_s(), out, &mut scratch);
-        });
+        self.writing(
+            [Field::NextVelocityX, Field::NextVelocityY, Field::NextVelocityZ],
+            |d, out| {
+                let start = if substep.stage == 0 {
+                    d.velocity()
+                } else {
+                    [Field::StartVelocityX, Field::StartVelocityY, Field::StartVelocityZ].map(|f| d.fields.get(f))
+                };
+                let slow = [Field::SlowVelocityX, Field::SlowVelocityY, Field::SlowVelocityZ].map(|f| d.fields.get(f));
+                advect_momentum::run(
+                    &d.parameters,
+                    d.velocity(),
+                    start,
+                    slow,
+                    d.fields.get(Field::Buoyancy),
+                    substep.stage_s(),
+                    out,
+                    &mut scratch,
+                );
+            },
+        );
         self.scratch = scratch;
     }
 
     fn diffuse_scalar(&mut self, state: Field, slow: Field) {
-        self.writing([slow], |d, [out]| diffuse_scalar::run(&d.parameters, d.fields.get(state), d.fields.get(Field::EddyViscosity), out));
+        self.writing([slow], |d, [out]| {
+            diffuse_scalar::run(
+                &d.parameters,
+                d.fields.get(state),
+                d.fields.get(Field::EddyViscosity),
+                out,
+            )
+        });
     }
 
     fn large_scale(&mut self, state: Field, slow: Field) {
@@ -125,7 +165,10 @@ impl Device for Cpu {
         match pass {
             Pass::SlowClear => {
                 for &field in Pass::SlowClear.info().writes {
-                    self.fields.get_mut(field).par_chunks_mut(1 << 14).for_each(|c| c.fill(0.0));
+                    self.fields
+                        .get_mut(field)
+                        .par_chunks_mut(1 << 14)
+                        .for_each(|c| c.fill(0.0));
                 }
             }
             Pass::StepSaturation | Pass::Saturation | Pass::PublishSaturation => self.saturate(),
@@ -133,18 +176,43 @@ impl Device for Cpu {
             Pass::EddyViscosity => self.writing([Field::EddyViscosity], |d, [out]| {
                 eddy_viscosity::run(&d.parameters, d.velocity(), d.fields.get(Field::Buoyancy), out);
             }),
-            Pass::DiffuseMomentum => self.writing([Field::SlowVelocityX, Field::SlowVelocityY, Field::SlowVelocityZ], |d, out| {
-                diffuse_momentum::run(&d.parameters, d.velocity(), d.fields.get(Field::EddyViscosity), out);
-            }),
+            Pass::DiffuseMomentum => self.writing(
+                [Field::SlowVelocityX, Field::SlowVelocityY, Field::SlowVelocityZ],
+                |d, out| {
+                    diffuse_momentum::run(&d.parameters, d.velocity(), d.fields.get(Field::EddyViscosity), out);
+                },
+            ),
             Pass::DiffuseHeat => self.diffuse_scalar(Field::Heat, Field::SlowHeat),
             Pass::DiffuseWater => self.diffuse_scalar(Field::Water, Field::SlowWater),
             Pass::SurfaceFlux => {
-                self.writing([Field::SlowVelocityX, Field::SlowVelocityY, Field::SlowHeat, Field::SlowWater], |d, [u, v, heat, water]| {
-                    surface_flux::run(&d.parameters, d.fields.get(Field::VelocityX), d.fields.get(Field::VelocityY), u, v, heat, water);
-                });
+                self.writing(
+                    [
+                        Field::SlowVelocityX,
+                        Field::SlowVelocityY,
+                        Field::SlowHeat,
+                        Field::SlowWater,
+                    ],
+                    |d, [u, v, heat, water]| {
+                        surface_flux::run(
+                            &d.parameters,
+                            d.fields.get(Field::VelocityX),
+                            d.fields.get(Field::VelocityY),
+                            u,
+                            v,
+                            heat,
+                            water,
+                        );
+                    },
+                );
             }
             Pass::Coriolis => self.writing([Field::SlowVelocityX, Field::SlowVelocityY], |d, [u, v]| {
-                coriolis::run(&d.parameters, d.fields.get(Field::VelocityX), d.fields.get(Field::VelocityY), u, v);
+                coriolis::run(
+                    &d.parameters,
+                    d.fields.get(Field::VelocityX),
+                    d.fields.get(Field::VelocityY),
+                    u,
+                    v,
+                );
             }),
             Pass::LargeScaleHeat => self.large_scale(Field::Heat, Field::SlowHeat),
             Pass::LargeScaleWater => self.large_scale(Field::Water, Field::SlowWater),
@@ -153,20 +221,32 @@ impl Device for Cpu {
                 self.large_scale(Field::VelocityY, Field::SlowVelocityY);
             }
             Pass::Sponge => self.sponge(substep.substep_s),
-            Pass::AdvectHeat => self.advect_scalar(Field::Heat, Field::StartHeat, Field::SlowHeat, Field::NextHeat, substep),
-            Pass::AdvectWater => self.advect_scalar(Field::Water, Field::StartWater, Field::SlowWater, Field::NextWater, substep),
+            Pass::AdvectHeat => {
+                self.advect_scalar(Field::Heat, Field::StartHeat, Field::SlowHeat, Field::NextHeat, substep)
+            }
+            Pass::AdvectWater => self.advect_scalar(
+                Field::Water,
+                Field::StartWater,
+                Field::SlowWater,
+                Field::NextWater,
+                substep,
+            ),
             Pass::AdvectMomentum => self.advect_momentum(substep),
             Pass::PressureSolve => {
                 let Some(mut solver) = self.solver.take() else { return };
                 self.writing([Field::Pressure], |d, [out]| {
-                    let velocity = [Field::NextVelocityX, Field::NextVelocityY, Field::NextVelocityZ].map(|f| d.fields.get(f));
+                    let velocity =
+                        [Field::NextVelocityX, Field::NextVelocityY, Field::NextVelocityZ].map(|f| d.fields.get(f));
                     solver.run(&d.parameters, velocity, substep.stage_s(), out);
                 });
                 self.solver = Some(solver);
             }
-            Pass::Project => self.writing([Field::NextVelocityX, Field::NextVelocityY, Field::NextVelocityZ], |d, out| {
-                project::run(&d.parameters, d.fields.get(Field::Pressure), substep.stage_s(), out);
-            }),
+            Pass::Project => self.writing(
+                [Field::NextVelocityX, Field::NextVelocityY, Field::NextVelocityZ],
+                |d, out| {
+                    project::run(&d.parameters, d.fields.get(Field::Pressure), substep.stage_s(), out);
+                },
+            ),
             Pass::CloudExtinction => self.writing([Field::Extinction], |d, [out]| {
                 cloud_extinction::run(&d.parameters, d.fields.get(Field::CloudWater), out);
             }),
@@ -190,7 +270,12 @@ impl Device for Cpu {
 
     fn reduce(&mut self) -> Reductions {
         let mut levels = std::mem::take(&mut self.levels);
-        let reductions = reduce::run(&self.parameters, self.velocity(), self.fields.get(Field::EddyViscosity), &mut levels);
+        let reductions = reduce::run(
+            &self.parameters,
+            self.velocity(),
+            self.fields.get(Field::EddyViscosity),
+            &mut levels,
+        );
         self.levels = levels;
         reductions
     }
@@ -211,7 +296,13 @@ impl Device for Cpu {
     fn reduce_cloud(&self) -> Option<CloudReductions> {
         let cloud = self.fields.planned(Field::CloudWater)?;
         let wind = [Field::VelocityX, Field::VelocityY].map(|f| self.fields.get(f));
-        Some(reduce_cloud::run(&self.parameters, cloud, self.fields.get(Field::Water), self.fields.get(Field::Extinction), wind))
+        Some(reduce_cloud::run(
+            &self.parameters,
+            cloud,
+            self.fields.get(Field::Water),
+            self.fields.get(Field::Extinction),
+            wind,
+        ))
     }
 
     fn set_parameters(&mut self, parameters: &Parameters) {

@@ -19,18 +19,27 @@ impl Random {
 /// A volume from cells, with its cloudy levels found.
 pub fn volume(grid: Grid, extinction_per_m: Vec<f32>) -> CloudVolume {
     let plane = grid.plane();
-    let full: Vec<usize> =
-        (0..grid.cells[2]).filter(|k| extinction_per_m[k * plane..][..plane].iter().any(|v| *v > 0.0)).collect();
+    let full: Vec<usize> = (0..grid.cells[2])
+        .filter(|k| extinction_per_m[k * plane..][..plane].iter().any(|v| *v > 0.0))
+        .collect();
     let cloudy_levels = match (full.first(), full.last()) {
         (Some(first), Some(last)) => [*first, last + 1],
         _ => [0, 0],
     };
-    CloudVolume { grid, extinction_per_m, cloudy_levels, air_displacement_m: [0.0; 3] }
+    CloudVolume {
+        grid,
+        extinction_per_m,
+        cloudy_levels,
+        air_displacement_m: [0.0; 3],
+    }
 }
 
 /// A field of broken cumulus on the grid of the BOMEX case: each a heap of bubbles over a flat base at 600 m, ragged from cell to cell.
 pub fn cumulus_field(seed: u32, clouds: usize) -> CloudVolume {
-    let grid = Grid { cells: [64, 64, 75], cell_size_m: [100.0, 100.0, 40.0] };
+    let grid = Grid {
+        cells: [64, 64, 75],
+        cell_size_m: [100.0, 100.0, 40.0],
+    };
     let mut random = Random(seed);
     let mut bubbles: Vec<[f32; 4]> = Vec::new();
     for _ in 0..clouds {
@@ -43,7 +52,12 @@ pub fn cumulus_field(seed: u32, clouds: usize) -> CloudVolume {
                 let away = radius * 0.7;
                 let x = centre[0] + (random.next() - 0.5) * 2.0 * away;
                 let y = centre[1] + (random.next() - 0.5) * 2.0 * away;
-                bubbles.push([x, y, z + radius * (0.2 + 0.3 * random.next()), radius * (0.6 + 0.4 * random.next())]);
+                bubbles.push([
+                    x,
+                    y,
+                    z + radius * (0.2 + 0.3 * random.next()),
+                    radius * (0.6 + 0.4 * random.next()),
+                ]);
             }
             z += radius * (0.35 + 0.3 * random.next());
             radius *= 0.72 + 0.2 * random.next();
@@ -75,12 +89,19 @@ pub fn cumulus_field(seed: u32, clouds: usize) -> CloudVolume {
 
 /// One round thick cloud in the middle of the box: centre height and radius in m, extinction in 1/m.
 pub fn ball(centre_height_m: f32, radius_m: f32, extinction_per_m: f32) -> CloudVolume {
-    let grid = Grid { cells: [64, 64, 60], cell_size_m: [100.0, 100.0, 50.0] };
+    let grid = Grid {
+        cells: [64, 64, 60],
+        cell_size_m: [100.0, 100.0, 50.0],
+    };
     let mut cells = vec![0.0f32; grid.len()];
     for k in 0..60 {
         for j in 0..64 {
             for i in 0..64 {
-                let d = [(i as f32 + 0.5) * 100.0 - 3200.0, (j as f32 + 0.5) * 100.0 - 3200.0, (k as f32 + 0.5) * 50.0 - centre_height_m];
+                let d = [
+                    (i as f32 + 0.5) * 100.0 - 3200.0,
+                    (j as f32 + 0.5) * 100.0 - 3200.0,
+                    (k as f32 + 0.5) * 50.0 - centre_height_m,
+                ];
                 if (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt() < radius_m {
                     cells[grid.index(i, j, k)] = extinction_per_m;
                 }
@@ -107,8 +128,12 @@ pub fn settings(width: usize, height: usize) -> ViewSettings {
         width,
         height,
         sun_direction: sun(45.0, 130.0),
-        detail: Some(Detail { strength: 0.6, scale_m: 220.0 }),
+        detail: Some(Detail {
+            strength: 0.6,
+            scale_m: 220.0,
+        }),
         multiple_scattering_octaves: 6,
+        ground: welkin_shaders::cpu::view::Ground::Land,
         cloud_shadow: true,
         visibility_m: Some(40_000.0),
         seed: 1,

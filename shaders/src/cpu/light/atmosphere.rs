@@ -49,7 +49,11 @@ impl Atmosphere {
     pub fn new(surface_altitude_m: f32, visibility_m: Option<f32>) -> Atmosphere {
         let bounded = |v: f32, low: f32, high: f32| if v.is_finite() { v.clamp(low, high) } else { low };
         Atmosphere {
-            surface_altitude_m: if surface_altitude_m.is_finite() { surface_altitude_m.clamp(-500.0, 9_000.0) } else { 0.0 },
+            surface_altitude_m: if surface_altitude_m.is_finite() {
+                surface_altitude_m.clamp(-500.0, 9_000.0)
+            } else {
+                0.0
+            },
             aerosol_per_m: match visibility_m {
                 Some(v) => (3.0 / bounded(v, 500.0, 1.0e6) - RAYLEIGH_PER_M[1]).max(1.0e-6),
                 None => CLEAN_AEROSOL_PER_M,

@@ -6,7 +6,9 @@
 
 use rayon::prelude::*;
 
-use super::atmosphere::{Atmosphere, DEPTH_M, EARTH_RADIUS_M, distance_to_ground_m, distance_to_shell_m, height_along_m};
+use super::atmosphere::{
+    Atmosphere, DEPTH_M, EARTH_RADIUS_M, distance_to_ground_m, distance_to_shell_m, height_along_m,
+};
 use super::transmittance_table::{TransmittanceTable, bilinear};
 
 const HEIGHTS: usize = 12;

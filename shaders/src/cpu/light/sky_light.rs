@@ -12,9 +12,6 @@ use super::multiple_scattering_table::MultipleScatteringTable;
 use super::sky_table::radiance;
 use super::transmittance_table::TransmittanceTable;
 
-/// Share of light that the land gives back, on average; red, green, blue.
-pub const LAND_ALBEDO: [f32; 3] = [0.070, 0.088, 0.048];
-
 /// Light for clouds and ground, relative to the sun's irradiance above the atmosphere.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SkyLight {
@@ -33,11 +30,12 @@ pub struct SkyLight {
 }
 
 impl SkyLight {
-    /// Computes the sums; below 1 ms.
+    /// Computes the sums; `ground_albedo` is the share of light that the ground gives back.
     pub fn new(
         air: &Atmosphere,
         transmittance: &TransmittanceTable,
         multiple: &MultipleScatteringTable,
+        ground_albedo: [f32; 3],
         sun_direction: [f32; 3],
         base_top_m: [f32; 2],
     ) -> SkyLight {
@@ -49,7 +47,18 @@ impl SkyLight {
                 let azimuth = ((n % around) as f32 + 0.5) / around as f32 * 2.0 * PI;
                 let side = (1.0 - sine * sine).sqrt();
                 let direction = [side * azimuth.cos(), side * azimuth.sin(), sine];
-                (radiance(air, transmittance, multiple, 10.0, direction, sun_direction, Some(false)), sine)
+                (
+                    radiance(
+                        air,
+                        transmittance,
+                        multiple,
+                        10.0,
+                        direction,
+                        sun_direction,
+                        Some(false),
+                    ),
+                    sine,
+                )
             })
             .collect();
         let n = looks.len() as f32;
@@ -67,7 +76,7 @@ impl SkyLight {
             sky_radiance,
             sky_irradiance,
             ground_radiance: [0, 1, 2]
-                .map(|c| LAND_ALBEDO[c] / PI * (sun_at_ground[c] * mu.max(0.0) + sky_irradiance[c])),
+                .map(|c| ground_albedo[c] / PI * (sun_at_ground[c] * mu.max(0.0) + sky_irradiance[c])),
         }
     }
 }

@@ -56,7 +56,11 @@ impl SkyTable {
                 let x = column as f32 / (COLUMNS - 1) as f32;
                 let below = row < HALF_ROWS;
                 let v = (row % HALF_ROWS) as f32 / (HALF_ROWS - 1) as f32;
-                let sine = if below { horizon - v * v * (1.0 + horizon) } else { horizon + v * v * (1.0 - horizon) };
+                let sine = if below {
+                    horizon - v * v * (1.0 + horizon)
+                } else {
+                    horizon + v * v * (1.0 - horizon)
+                };
                 let side = (1.0 - sine * sine).max(0.0).sqrt();
                 let cosine = 1.0 - 2.0 * x * x;
                 let direction = [side * cosine, side * (1.0 - cosine * cosine).max(0.0).sqrt(), sine];
@@ -96,7 +100,10 @@ impl SkyTable {
         for (light, plane) in seen.iter_mut().zip(&self.planes) {
             let row = COLUMNS as u32;
             let low = index.gather_f32(plane).lerp(index.plus(1).gather_f32(plane), fx);
-            let high = index.plus(row).gather_f32(plane).lerp(index.plus(row + 1).gather_f32(plane), fx);
+            let high = index
+                .plus(row)
+                .gather_f32(plane)
+                .lerp(index.plus(row + 1).gather_f32(plane), fx);
             *light = low.lerp(high, fy);
         }
         seen

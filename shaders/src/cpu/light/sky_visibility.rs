@@ -23,16 +23,29 @@ pub fn sky_visibility(extinction: &[f32], cells: [usize; 2], cell_size_m: [f32; 
         .map(|n| sweep(extinction, cells, cell_size_m, levels, directions[n % 5], n < 5))
         .collect();
     [0, 5].map(|first| {
-        (0..extinction.len()).map(|i| (0..5).map(|d| sweeps[first + d][i]).sum::<f32>() * 0.2).collect()
+        (0..extinction.len())
+            .map(|i| (0..5).map(|d| sweeps[first + d][i]).sum::<f32>() * 0.2)
+            .collect()
     })
 }
 
-fn sweep(extinction: &[f32], cells: [usize; 2], size_m: [f32; 3], levels: usize, way: [i32; 2], from_above: bool) -> Vec<f32> {
+fn sweep(
+    extinction: &[f32],
+    cells: [usize; 2],
+    size_m: [f32; 3],
+    levels: usize,
+    way: [i32; 2],
+    from_above: bool,
+) -> Vec<f32> {
     let (nx, ny) = (cells[0], cells[1]);
     let plane = nx * ny;
     let slanted = way != [0, 0];
     let path_m = size_m[2] * if slanted { SLANT[1] } else { 1.0 };
-    let reach = if slanted { SLANT[0] * size_m[2] / if way[0] != 0 { size_m[0] } else { size_m[1] } } else { 0.0 };
+    let reach = if slanted {
+        SLANT[0] * size_m[2] / if way[0] != 0 { size_m[0] } else { size_m[1] }
+    } else {
+        0.0
+    };
     let whole = reach.floor();
     let fraction = reach - whole;
     let shift = |i: usize, by: i32, n: usize| (i as i64 + by as i64).rem_euclid(n as i64) as usize;

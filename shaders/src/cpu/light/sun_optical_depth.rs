@@ -35,7 +35,11 @@ pub fn marched_direction(sun_direction: [f32; 3]) -> [f32; 3] {
     let z = sun_direction[2].clamp(0.026, 1.0);
     let side = (sun_direction[0].powi(2) + sun_direction[1].powi(2)).sqrt();
     let scale = (1.0 - z * z).sqrt();
-    let [x, y] = if side > 1e-6 { [sun_direction[0] / side, sun_direction[1] / side] } else { [1.0, 0.0] };
+    let [x, y] = if side > 1e-6 {
+        [sun_direction[0] / side, sun_direction[1] / side]
+    } else {
+        [1.0, 0.0]
+    };
     [x * scale, y * scale, z]
 }
 
@@ -51,9 +55,16 @@ impl SunLight {
             fill_level(shape, carved, &sun, k, &up, &down, level);
         });
         let mut shadow = vec![0.0f32; level_len];
-        shadow.par_chunks_mut(shape.stride[0]).enumerate().for_each(|(y, row)| fill_shadow_row(shape, carved, &sun, y, row));
+        shadow
+            .par_chunks_mut(shape.stride[0])
+            .enumerate()
+            .for_each(|(y, row)| fill_shadow_row(shape, carved, &sun, y, row));
         let sunlit_share = shadow.iter().map(|t| (-t).exp()).sum::<f32>() / level_len as f32;
-        SunLight { words, shadow, sunlit_share }
+        SunLight {
+            words,
+            shadow,
+            sunlit_share,
+        }
     }
 }
 
@@ -95,9 +106,8 @@ fn fill_shadow_row(shape: &Shape, carved: bool, sun: &[f32; 3], n: usize, row: &
     for first in (0..row.len()).step_by(LANES) {
         let x = Lanes::from_fn(|l| ((first + l) as f32 - 0.5) * shape.point_spacing_m[0]);
         let depth = optical_depth(shape, carved, sun, x, y, z, Lanes::splat(1.0));
-        for l in 0..LANES.min(row.len() - first) {
-            row[first + l] = depth.0[l];
-        }
+        let count = LANES.min(row.len() - first);
+        row[first..first + count].copy_from_slice(&depth.0[..count]);
     }
 }
 
@@ -107,7 +117,12 @@ fn optical_depth(shape: &Shape, carved: bool, sun: &[f32; 3], x: Lanes, y: Lanes
     let mut depth = zero;
     let mut t = zero;
     // Lanes that are not wanted start at the end.
-    let end = Lanes::select_less(zero, wanted, ((Lanes::splat(shape.top_m) - z) / sun[2]).min(Lanes::splat(REACH_M)), zero);
+    let end = Lanes::select_less(
+        zero,
+        wanted,
+        ((Lanes::splat(shape.top_m) - z) / sun[2]).min(Lanes::splat(REACH_M)),
+        zero,
+    );
     for _ in 0..200 {
         if !(end - t).any_above(0.0) {
             break;

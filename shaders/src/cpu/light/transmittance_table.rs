@@ -61,7 +61,8 @@ impl TransmittanceTable {
         if risen == 0.0 {
             return [0.0; 3];
         }
-        self.to_space(height_m, mu).map(|t| t * risen * risen * (3.0 - 2.0 * risen))
+        self.to_space(height_m, mu)
+            .map(|t| t * risen * risen * (3.0 - 2.0 * risen))
     }
 }
 

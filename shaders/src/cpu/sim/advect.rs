@@ -169,11 +169,28 @@ fn flux_below<C: Carrier>(
     let room = z.min(top + 1 - z);
     let level = |k: usize| {
         let k = k.min(top);
-        if k == levels { zeros } else { row(grid, carried.state, y, k) }
+        if k == levels {
+            zeros
+        } else {
+            row(grid, carried.state, y, k)
+        }
     };
     let (m1, p0) = (level(z - 1), level(z));
-    let order = if room >= 3 { 5 } else if room == 2 { 3 } else { 1 };
-    let q = [level(z.saturating_sub(3)), level(z.saturating_sub(2)), m1, p0, level(z + 1), level(z + 2)];
+    let order = if room >= 3 {
+        5
+    } else if room == 2 {
+        3
+    } else {
+        1
+    };
+    let q = [
+        level(z.saturating_sub(3)),
+        level(z.saturating_sub(2)),
+        m1,
+        p0,
+        level(z + 1),
+        level(z + 2),
+    ];
     flux_row(scheme, order, q, speed, out);
 }
 
@@ -192,20 +209,47 @@ pub fn carry_slab<C: Carrier>(
     let [nx, ny, levels] = grid.cells;
     let [dx, dy, dz] = grid.cell_size_m;
     let last = (first + SLAB_LEVELS).min(levels);
-    let Scratch { padded, speed, flux_x, flux_y, flux_z, flux_above, zeros } = scratch;
+    let Scratch {
+        padded,
+        speed,
+        flux_x,
+        flux_y,
+        flux_z,
+        flux_above,
+        zeros,
+    } = scratch;
     let [south, north] = flux_y;
     let begin = first.max(carried.first_level);
     for level in first..begin {
         out[(level - first) * nx * ny..][..nx * ny].fill(0.0);
     }
     for y in 0..ny {
-        flux_below(scheme, grid, carrier, carried, zeros, speed, y, begin, &mut flux_z[y * nx..(y + 1) * nx]);
+        flux_below(
+            scheme,
+            grid,
+            carrier,
+            carried,
+            zeros,
+            speed,
+            y,
+            begin,
+            &mut flux_z[y * nx..(y + 1) * nx],
+        );
     }
     for z in begin..last {
         let to_z = carrier.volume_per_mass(z) / dz;
         let (to_x, to_y) = (1.0 / dx, 1.0 / dy);
         let rows = |y: usize| row(grid, carried.state, y, z);
-        let around = |y: usize| [rows(back(y, 3, ny)), rows(back(y, 2, ny)), rows(back(y, 1, ny)), rows(y), rows(ahead(y, 1, ny)), rows(ahead(y, 2, ny))];
+        let around = |y: usize| {
+            [
+                rows(back(y, 3, ny)),
+                rows(back(y, 2, ny)),
+                rows(back(y, 1, ny)),
+                rows(y),
+                rows(ahead(y, 1, ny)),
+                rows(ahead(y, 2, ny)),
+            ]
+        };
         carrier.south(0, z, speed);
         flux_row(scheme, 5, around(0), speed, south);
         for y in 0..ny {
@@ -219,7 +263,13 @@ pub fn carry_slab<C: Carrier>(
             }
             carrier.west(y, z, speed);
             let p = |s: usize| &padded[s..s + nx];
-            flux_row(scheme, 5, [p(0), p(1), p(2), p(3), p(4), p(5)], speed, &mut flux_x[..nx]);
+            flux_row(
+                scheme,
+                5,
+                [p(0), p(1), p(2), p(3), p(4), p(5)],
+                speed,
+                &mut flux_x[..nx],
+            );
             flux_x[nx] = flux_x[0];
 
             let y_north = ahead(y, 1, ny);
@@ -230,7 +280,11 @@ pub fn carry_slab<C: Carrier>(
 
             let below = &mut flux_z[y * nx..(y + 1) * nx];
             let start = row(grid, carried.start, y, z);
-            let slow = if carried.slow.is_empty() { &zeros[..] } else { row(grid, carried.slow, y, z) };
+            let slow = if carried.slow.is_empty() {
+                &zeros[..]
+            } else {
+                row(grid, carried.slow, y, z)
+            };
             let out = &mut out[((z - first) * ny + y) * nx..][..nx];
             let (slow, above) = (&slow[..nx], &flux_above[..nx]);
             let (west, east) = (&flux_x[..nx], &flux_x[1..nx + 1]);

@@ -52,7 +52,13 @@ impl VelocityCarrier<'_> {
     fn at_z_face(&self, velocity: &[f32], y: usize, z: usize, out: &mut [f32]) {
         let p = self.parameters;
         let half = 0.5 / p.density_at_z_face_kg_m3[z];
-        mean_of(row(&p.grid, velocity, y, z - 1), half * p.density_kg_m3[z - 1], row(&p.grid, velocity, y, z), half * p.density_kg_m3[z], out);
+        mean_of(
+            row(&p.grid, velocity, y, z - 1),
+            half * p.density_kg_m3[z - 1],
+            row(&p.grid, velocity, y, z),
+            half * p.density_kg_m3[z],
+            out,
+        );
     }
 }
 
@@ -63,7 +69,13 @@ impl Carrier for VelocityCarrier<'_> {
         let u = self.velocity[0];
         match self.component {
             Component::X => mean_with_west(row(grid, u, y, z), 0.5, out),
-            Component::Y => mean_of(row(grid, u, back(y, 1, grid.cells[1]), z), 0.5, row(grid, u, y, z), 0.5, out),
+            Component::Y => mean_of(
+                row(grid, u, back(y, 1, grid.cells[1]), z),
+                0.5,
+                row(grid, u, y, z),
+                0.5,
+                out,
+            ),
             Component::Z => self.at_z_face(u, y, z, out),
         }
     }
@@ -73,7 +85,13 @@ impl Carrier for VelocityCarrier<'_> {
         let v = self.velocity[1];
         match self.component {
             Component::X => mean_with_west(row(grid, v, y, z), 0.5, out),
-            Component::Y => mean_of(row(grid, v, back(y, 1, grid.cells[1]), z), 0.5, row(grid, v, y, z), 0.5, out),
+            Component::Y => mean_of(
+                row(grid, v, back(y, 1, grid.cells[1]), z),
+                0.5,
+                row(grid, v, y, z),
+                0.5,
+                out,
+            ),
             Component::Z => self.at_z_face(v, y, z, out),
         }
     }
@@ -84,7 +102,13 @@ impl Carrier for VelocityCarrier<'_> {
         let w = self.velocity[2];
         match self.component {
             Component::X => mean_with_west(row(grid, w, y, z), 0.5 * density[z], out),
-            Component::Y => mean_of(row(grid, w, back(y, 1, grid.cells[1]), z), 0.5 * density[z], row(grid, w, y, z), 0.5 * density[z], out),
+            Component::Y => mean_of(
+                row(grid, w, back(y, 1, grid.cells[1]), z),
+                0.5 * density[z],
+                row(grid, w, y, z),
+                0.5 * density[z],
+                out,
+            ),
             Component::Z => {
                 let below = row(grid, w, y, z - 1);
                 if z == grid.cells[2] {
@@ -104,7 +128,11 @@ impl Carrier for VelocityCarrier<'_> {
     }
 }
 
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[multiversion::multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl+fma",
+    "x86_64+avx2+fma",
+    "aarch64+neon"
+))]
 fn slab(
     parameters: &Parameters,
     velocity: [&[f32]; 3],
@@ -117,11 +145,23 @@ fn slab(
 ) {
     let grid = &parameters.grid;
     let [out_x, out_y, out_z] = out;
-    let x = VelocityCarrier { parameters, velocity, component: Component::X };
+    let x = VelocityCarrier {
+        parameters,
+        velocity,
+        component: Component::X,
+    };
     carry_slab(FaceScheme::Upwind5, grid, &x, &carried[0], dt_s, first, out_x, scratch);
-    let y = VelocityCarrier { parameters, velocity, component: Component::Y };
+    let y = VelocityCarrier {
+        parameters,
+        velocity,
+        component: Component::Y,
+    };
     carry_slab(FaceScheme::Upwind5, grid, &y, &carried[1], dt_s, first, out_y, scratch);
-    let z = VelocityCarrier { parameters, velocity, component: Component::Z };
+    let z = VelocityCarrier {
+        parameters,
+        velocity,
+        component: Component::Z,
+    };
     carry_slab(FaceScheme::Upwind5, grid, &z, &carried[2], dt_s, first, out_z, scratch);
     if buoyancy.is_empty() {
         return;
@@ -163,6 +203,15 @@ pub fn run(
         .zip(scratch.par_iter_mut())
         .enumerate()
         .for_each(|(s, (((x, y), z), scratch))| {
-            slab(parameters, velocity, &carried, buoyancy, dt_s, s * SLAB_LEVELS, [x, y, z], scratch);
+            slab(
+                parameters,
+                velocity,
+                &carried,
+                buoyancy,
+                dt_s,
+                s * SLAB_LEVELS,
+                [x, y, z],
+                scratch,
+            );
         });
 }

@@ -38,16 +38,59 @@ impl Carrier for ScalarCarrier<'_> {
     }
 }
 
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl+fma", "x86_64+avx2+fma", "aarch64+neon"))]
-fn slab(parameters: &Parameters, velocity: [&[f32]; 3], carried: &Carried, dt_s: f32, first: usize, out: &mut [f32], scratch: &mut Scratch) {
-    let carrier = ScalarCarrier { grid: &parameters.grid, parameters, velocity };
-    carry_slab(FaceScheme::Weno5, &parameters.grid, &carrier, carried, dt_s, first, out, scratch);
+#[multiversion::multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl+fma",
+    "x86_64+avx2+fma",
+    "aarch64+neon"
+))]
+fn slab(
+    parameters: &Parameters,
+    velocity: [&[f32]; 3],
+    carried: &Carried,
+    dt_s: f32,
+    first: usize,
+    out: &mut [f32],
+    scratch: &mut Scratch,
+) {
+    let carrier = ScalarCarrier {
+        grid: &parameters.grid,
+        parameters,
+        velocity,
+    };
+    carry_slab(
+        FaceScheme::Weno5,
+        &parameters.grid,
+        &carrier,
+        carried,
+        dt_s,
+        first,
+        out,
+        scratch,
+    );
 }
 
 /// Carries `state`; see the module. `velocity` are u, v, w in m/s; `out` is overwritten whole.
-pub fn run(parameters: &Parameters, velocity: [&[f32]; 3], state: &[f32], start: &[f32], slow: &[f32], dt_s: f32, out: &mut [f32], scratch: &mut [Scratch]) {
-    let carried = Carried { state, start, slow, first_level: 0, zero_at_lid: false };
-    out.par_chunks_mut(slab_len(&parameters.grid)).zip(scratch.par_iter_mut()).enumerate().for_each(|(s, (out, scratch))| {
-        slab(parameters, velocity, &carried, dt_s, s * SLAB_LEVELS, out, scratch);
-    });
+pub fn run(
+    parameters: &Parameters,
+    velocity: [&[f32]; 3],
+    state: &[f32],
+    start: &[f32],
+    slow: &[f32],
+    dt_s: f32,
+    out: &mut [f32],
+    scratch: &mut [Scratch],
+) {
+    let carried = Carried {
+        state,
+        start,
+        slow,
+        first_level: 0,
+        zero_at_lid: false,
+    };
+    out.par_chunks_mut(slab_len(&parameters.grid))
+        .zip(scratch.par_iter_mut())
+        .enumerate()
+        .for_each(|(s, (out, scratch))| {
+            slab(parameters, velocity, &carried, dt_s, s * SLAB_LEVELS, out, scratch);
+        });
 }

@@ -19,14 +19,23 @@ const CLOUD_WATER_MIN: f32 = 1e-7;
 pub fn run(parameters: &Parameters, cloud_water: &[f32], extinction: &mut [f32]) {
     let plane = parameters.grid.plane();
     let number = parameters.droplet_number_per_m3 as f64;
-    extinction.par_chunks_mut(plane).zip(cloud_water.par_chunks(plane)).enumerate().for_each(|(z, (extinction, cloud_water))| {
-        let density = parameters.density_kg_m3[z] as f64;
-        // beta = scale q^(2/3): r_e = (a q)^(1/3), beta = b q / r_e.
-        let a = 3.0 * density / (4.0 * std::f64::consts::PI * WATER_DENSITY_KG_M3 * RADIUS_RATIO_CUBED * number);
-        let b = 1.5 * density / WATER_DENSITY_KG_M3;
-        let scale = (b / a.cbrt()) as f32;
-        for (e, &q) in extinction.iter_mut().zip(cloud_water) {
-            *e = if q > CLOUD_WATER_MIN { let root = q.cbrt(); scale * root * root } else { 0.0 };
-        }
-    });
+    extinction
+        .par_chunks_mut(plane)
+        .zip(cloud_water.par_chunks(plane))
+        .enumerate()
+        .for_each(|(z, (extinction, cloud_water))| {
+            let density = parameters.density_kg_m3[z] as f64;
+            // beta = scale q^(2/3): r_e = (a q)^(1/3), beta = b q / r_e.
+            let a = 3.0 * density / (4.0 * std::f64::consts::PI * WATER_DENSITY_KG_M3 * RADIUS_RATIO_CUBED * number);
+            let b = 1.5 * density / WATER_DENSITY_KG_M3;
+            let scale = (b / a.cbrt()) as f32;
+            for (e, &q) in extinction.iter_mut().zip(cloud_water) {
+                *e = if q > CLOUD_WATER_MIN {
+                    let root = q.cbrt();
+                    scale * root * root
+                } else {
+                    0.0
+                };
+            }
+        });
 }

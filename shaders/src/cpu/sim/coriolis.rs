@@ -15,17 +15,21 @@ pub fn run(parameters: &Parameters, u: &[f32], v: &[f32], slow_u: &mut [f32], sl
     let grid = &parameters.grid;
     let [nx, ny, _] = grid.cells;
     let f = rotation.parameter_per_s;
-    slow_u.par_chunks_mut(grid.plane()).zip(slow_v.par_chunks_mut(grid.plane())).enumerate().for_each(|(z, (slow_u, slow_v))| {
-        let (u_g, v_g) = (rotation.wind_x_m_s[z], rotation.wind_y_m_s[z]);
-        for y in 0..ny {
-            let (u_here, u_south) = (row(grid, u, y, z), row(grid, u, back(y, 1, ny), z));
-            let (v_here, v_north) = (row(grid, v, y, z), row(grid, v, ahead(y, 1, ny), z));
-            let at = y * nx;
-            let (slow_u, slow_v) = (&mut slow_u[at..at + nx], &mut slow_v[at..at + nx]);
-            for_row!(nx, |i, west, east| {
-                slow_u[i] += f * (0.25 * (v_here[west] + v_here[i] + v_north[west] + v_north[i]) - v_g);
-                slow_v[i] -= f * (0.25 * (u_here[i] + u_here[east] + u_south[i] + u_south[east]) - u_g);
-            });
-        }
-    });
+    slow_u
+        .par_chunks_mut(grid.plane())
+        .zip(slow_v.par_chunks_mut(grid.plane()))
+        .enumerate()
+        .for_each(|(z, (slow_u, slow_v))| {
+            let (u_g, v_g) = (rotation.wind_x_m_s[z], rotation.wind_y_m_s[z]);
+            for y in 0..ny {
+                let (u_here, u_south) = (row(grid, u, y, z), row(grid, u, back(y, 1, ny), z));
+                let (v_here, v_north) = (row(grid, v, y, z), row(grid, v, ahead(y, 1, ny), z));
+                let at = y * nx;
+                let (slow_u, slow_v) = (&mut slow_u[at..at + nx], &mut slow_v[at..at + nx]);
+                for_row!(nx, |i, west, east| {
+                    slow_u[i] += f * (0.25 * (v_here[west] + v_here[i] + v_north[west] + v_north[i]) - v_g);
+                    slow_v[i] -= f * (0.25 * (u_here[i] + u_here[east] + u_south[i] + u_south[east]) - u_g);
+                });
+            }
+        });
 }

@@ -9,8 +9,20 @@ use rayon::prelude::*;
 use super::parameters::Parameters;
 use super::slab::{SLAB_LEVELS, ahead, back, for_row, row, slab_len};
 
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl+fma", "x86_64+avx2+fma", "aarch64+neon"))]
-fn level(parameters: &Parameters, velocity: [&[f32]; 3], viscosity: &[f32], z: usize, slow_u: &mut [f32], slow_v: &mut [f32], slow_w: &mut [f32]) {
+#[multiversion::multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl+fma",
+    "x86_64+avx2+fma",
+    "aarch64+neon"
+))]
+fn level(
+    parameters: &Parameters,
+    velocity: [&[f32]; 3],
+    viscosity: &[f32],
+    z: usize,
+    slow_u: &mut [f32],
+    slow_v: &mut [f32],
+    slow_w: &mut [f32],
+) {
     let grid = &parameters.grid;
     let [nx, ny, levels] = grid.cells;
     let [rx, ry, rz] = grid.cell_size_m.map(|d| 1.0 / d);
@@ -18,8 +30,16 @@ fn level(parameters: &Parameters, velocity: [&[f32]; 3], viscosity: &[f32], z: u
     let face_density = &parameters.density_at_z_face_kg_m3;
     let [u, v, w] = velocity;
     let (z_below, z_above) = (z.saturating_sub(1), (z + 1).min(levels - 1));
-    let below = if z > 0 { 0.25 * face_density[z] * rz / density[z] } else { 0.0 };
-    let above = if z + 1 < levels { 0.25 * face_density[z + 1] * rz / density[z] } else { 0.0 };
+    let below = if z > 0 {
+        0.25 * face_density[z] * rz / density[z]
+    } else {
+        0.0
+    };
+    let above = if z + 1 < levels {
+        0.25 * face_density[z + 1] * rz / density[z]
+    } else {
+        0.0
+    };
     let has_above = if z + 1 < levels { 1.0 } else { 0.0 };
     let w_above_scale = 2.0 * density[z] * rz * rz / face_density[z];
     let w_below_scale = 2.0 * density[z_below] * rz * rz / face_density[z];
@@ -51,7 +71,8 @@ fn level(parameters: &Parameters, velocity: [&[f32]; 3], viscosity: &[f32], z: u
 
             // v at the south face of cell i.
             let yy = 2.0 * ry * ry * (k0[i] * (vn[i] - v0[i]) - ks[i] * (v0[i] - vs[i]));
-            let e = 0.25 * (k0[i] + k0[east] + ks[i] + ks[east]) * ((v0[east] - v0[i]) * rx + (u0[east] - us[east]) * ry);
+            let e =
+                0.25 * (k0[i] + k0[east] + ks[i] + ks[east]) * ((v0[east] - v0[i]) * rx + (u0[east] - us[east]) * ry);
             let f = 0.25 * (k0[west] + k0[i] + ks[west] + ks[i]) * ((v0[i] - v0[west]) * rx + (u0[i] - us[i]) * ry);
             let up = above * (k0[i] + ks[i] + ka[i] + ksa[i]) * ((va[i] - v0[i]) * rz + (wa[i] - was[i]) * ry);
             let down = below * (k0[i] + ks[i] + kb[i] + ksb[i]) * ((v0[i] - vb[i]) * rz + (w0[i] - ws[i]) * ry);
@@ -60,7 +81,9 @@ fn level(parameters: &Parameters, velocity: [&[f32]; 3], viscosity: &[f32], z: u
         if z > 0 {
             for_row!(nx, |i, west, east| {
                 // w at the lower face of cell i.
-                let e = 0.25 * (k0[i] + k0[east] + kb[i] + kb[east]) * ((w0[east] - w0[i]) * rx + (u0[east] - ub[east]) * rz);
+                let e = 0.25
+                    * (k0[i] + k0[east] + kb[i] + kb[east])
+                    * ((w0[east] - w0[i]) * rx + (u0[east] - ub[east]) * rz);
                 let f = 0.25 * (k0[west] + k0[i] + kb[west] + kb[i]) * ((w0[i] - w0[west]) * rx + (u0[i] - ub[i]) * rz);
                 let north = 0.25 * (k0[i] + kn[i] + kb[i] + knb[i]) * ((wn[i] - w0[i]) * ry + (vn[i] - vnb[i]) * rz);
                 let south = 0.25 * (k0[i] + ks[i] + kb[i] + ksb[i]) * ((w0[i] - ws[i]) * ry + (v0[i] - vb[i]) * rz);
@@ -79,9 +102,18 @@ pub fn run(parameters: &Parameters, velocity: [&[f32]; 3], viscosity: &[f32], sl
     let plane = parameters.grid.plane();
     let len = slab_len(&parameters.grid);
     let [u, v, w] = slow;
-    u.par_chunks_mut(len).zip(v.par_chunks_mut(len)).zip(w.par_chunks_mut(len)).enumerate().for_each(|(s, ((u, v), w))| {
-        for (l, ((u, v), w)) in u.chunks_exact_mut(plane).zip(v.chunks_exact_mut(plane)).zip(w.chunks_exact_mut(plane)).enumerate() {
-            level(parameters, velocity, viscosity, s * SLAB_LEVELS + l, u, v, w);
-        }
-    });
+    u.par_chunks_mut(len)
+        .zip(v.par_chunks_mut(len))
+        .zip(w.par_chunks_mut(len))
+        .enumerate()
+        .for_each(|(s, ((u, v), w))| {
+            for (l, ((u, v), w)) in u
+                .chunks_exact_mut(plane)
+                .zip(v.chunks_exact_mut(plane))
+                .zip(w.chunks_exact_mut(plane))
+                .enumerate()
+            {
+                level(parameters, velocity, viscosity, s * SLAB_LEVELS + l, u, v, w);
+            }
+        });
 }

@@ -9,7 +9,11 @@ use rayon::prelude::*;
 use super::parameters::Parameters;
 use super::slab::{SLAB_LEVELS, ahead, back, for_row, row, slab_len};
 
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[multiversion::multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl+fma",
+    "x86_64+avx2+fma",
+    "aarch64+neon"
+))]
 fn level(parameters: &Parameters, prandtl: f32, q: &[f32], viscosity: &[f32], z: usize, slow: &mut [f32]) {
     let grid = &parameters.grid;
     let [nx, ny, levels] = grid.cells;
@@ -39,11 +43,15 @@ fn level(parameters: &Parameters, prandtl: f32, q: &[f32], viscosity: &[f32], z:
 
 /// Runs the stage on one scalar; nothing if the parameters have no turbulence.
 pub fn run(parameters: &Parameters, q: &[f32], viscosity: &[f32], slow: &mut [f32]) {
-    let Some(turbulence) = &parameters.turbulence else { return };
+    let Some(turbulence) = &parameters.turbulence else {
+        return;
+    };
     let plane = parameters.grid.plane();
-    slow.par_chunks_mut(slab_len(&parameters.grid)).enumerate().for_each(|(s, slab)| {
-        for (l, slow) in slab.chunks_exact_mut(plane).enumerate() {
-            level(parameters, turbulence.prandtl, q, viscosity, s * SLAB_LEVELS + l, slow);
-        }
-    });
+    slow.par_chunks_mut(slab_len(&parameters.grid))
+        .enumerate()
+        .for_each(|(s, slab)| {
+            for (l, slow) in slab.chunks_exact_mut(plane).enumerate() {
+                level(parameters, turbulence.prandtl, q, viscosity, s * SLAB_LEVELS + l, slow);
+            }
+        });
 }

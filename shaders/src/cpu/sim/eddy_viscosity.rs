@@ -12,8 +12,20 @@ use super::parameters::Parameters;
 use super::slab::{SLAB_LEVELS, ahead, back, for_row, row, slab_len};
 use crate::constants::{GRAVITY_M_S2, VON_KARMAN};
 
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl+fma", "x86_64+avx2+fma", "aarch64+neon"))]
-fn level(parameters: &Parameters, coefficient: f32, prandtl: f32, velocity: [&[f32]; 3], buoyancy: &[f32], z: usize, out: &mut [f32]) {
+#[multiversion::multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl+fma",
+    "x86_64+avx2+fma",
+    "aarch64+neon"
+))]
+fn level(
+    parameters: &Parameters,
+    coefficient: f32,
+    prandtl: f32,
+    velocity: [&[f32]; 3],
+    buoyancy: &[f32],
+    z: usize,
+    out: &mut [f32],
+) {
     let grid = &parameters.grid;
     let [nx, ny, levels] = grid.cells;
     let [dx, dy, dz] = grid.cell_size_m;
@@ -26,7 +38,8 @@ fn level(parameters: &Parameters, coefficient: f32, prandtl: f32, velocity: [&[f
     let lid = if z + 1 < levels { 1.0 } else { 0.0 };
     // Across the ground and the lid the shear counts as 0: what the ground does is another stage's.
     let theta_v = &parameters.virtual_potential_temperature_k;
-    let stable = GRAVITY_M_S2 as f32 / theta_v[z] * (theta_v[z_above] - theta_v[z_below]) / ((z_above - z_below).max(1) as f32 * dz);
+    let stable = GRAVITY_M_S2 as f32 / theta_v[z] * (theta_v[z_above] - theta_v[z_below])
+        / ((z_above - z_below).max(1) as f32 * dz);
     let per_two_dz = 1.0 / ((z_above - z_below).max(1) as f32 * dz);
     let empty: &[f32] = &[];
     for y in 0..ny {
@@ -38,7 +51,11 @@ fn level(parameters: &Parameters, coefficient: f32, prandtl: f32, velocity: [&[f
         let [vnb, vna] = [z_below, z_above].map(|z| &row(grid, v, n, z)[..nx]);
         let [w0, ws, wn] = [y, s, n].map(|y| &row(grid, w, y, z)[..nx]);
         let [wa, was, wan] = [y, s, n].map(|y| &row(grid, w, y, z_above)[..nx]);
-        let (bb, ba) = if buoyancy.is_empty() { (empty, empty) } else { (row(grid, buoyancy, y, z_below), row(grid, buoyancy, y, z_above)) };
+        let (bb, ba) = if buoyancy.is_empty() {
+            (empty, empty)
+        } else {
+            (row(grid, buoyancy, y, z_below), row(grid, buoyancy, y, z_above))
+        };
         let out = &mut out[y * nx..(y + 1) * nx];
         for_row!(nx, |i, west, east| {
             let xx = (u0[east] - u0[i]) * rx;
@@ -65,8 +82,13 @@ fn level(parameters: &Parameters, coefficient: f32, prandtl: f32, velocity: [&[f
                 let above = (vna[i] - vn[i]) * rz + lid * (wan[i] - wa[i]) * ry;
                 below * below + above * above
             };
-            let strain_squared = 2.0 * (xx * xx + yy * yy + zz * zz) + 0.25 * (xy(west, i) + xy(i, east) + xz(west, i) + xz(i, east) + yz_south + yz_north);
-            let stability = if ba.is_empty() { 0.0 } else { stable + (ba[i] - bb[i]) * per_two_dz };
+            let strain_squared = 2.0 * (xx * xx + yy * yy + zz * zz)
+                + 0.25 * (xy(west, i) + xy(i, east) + xz(west, i) + xz(i, east) + yz_south + yz_north);
+            let stability = if ba.is_empty() {
+                0.0
+            } else {
+                stable + (ba[i] - bb[i]) * per_two_dz
+            };
             out[i] = length_squared * (strain_squared - stability / prandtl).max(0.0).sqrt();
         });
     }
@@ -74,11 +96,23 @@ fn level(parameters: &Parameters, coefficient: f32, prandtl: f32, velocity: [&[f
 
 /// Runs the stage; nothing if the parameters have no turbulence.
 pub fn run(parameters: &Parameters, velocity: [&[f32]; 3], buoyancy: &[f32], out: &mut [f32]) {
-    let Some(turbulence) = &parameters.turbulence else { return };
+    let Some(turbulence) = &parameters.turbulence else {
+        return;
+    };
     let plane = parameters.grid.plane();
-    out.par_chunks_mut(slab_len(&parameters.grid)).enumerate().for_each(|(s, slab)| {
-        for (l, out) in slab.chunks_exact_mut(plane).enumerate() {
-            level(parameters, turbulence.coefficient, turbulence.prandtl, velocity, buoyancy, s * SLAB_LEVELS + l, out);
-        }
-    });
+    out.par_chunks_mut(slab_len(&parameters.grid))
+        .enumerate()
+        .for_each(|(s, slab)| {
+            for (l, out) in slab.chunks_exact_mut(plane).enumerate() {
+                level(
+                    parameters,
+                    turbulence.coefficient,
+                    turbulence.prandtl,
+                    velocity,
+                    buoyancy,
+                    s * SLAB_LEVELS + l,
+                    out,
+                );
+            }
+        });
 }

@@ -20,7 +20,10 @@ pub fn run(parameters: &Parameters, field: &[f32], source: &[f32], slow: &mut [f
         let source = source.get(z).copied().unwrap_or(0.0);
         let upper = if w < 0.0 { (z + 1).min(levels - 1) } else { z.max(1) };
         let lower = upper - 1;
-        let (a, b) = (&field[lower * plane..(lower + 1) * plane], &field[upper * plane..(upper + 1) * plane]);
+        let (a, b) = (
+            &field[lower * plane..(lower + 1) * plane],
+            &field[upper * plane..(upper + 1) * plane],
+        );
         for i in 0..plane {
             slow[i] += source - w * (b[i] - a[i]) * per_dz;
         }

@@ -62,8 +62,12 @@ impl Solver {
 
         let face = |z: usize| parameters.density_at_z_face_kg_m3[z] as f64 / (dz * dz);
         let below: Vec<f64> = (0..levels).map(|z| if z > 0 { face(z) } else { 0.0 }).collect();
-        let above: Vec<f64> = (0..levels).map(|z| if z + 1 < levels { face(z + 1) } else { 0.0 }).collect();
-        let wave = |m: usize, n: usize, d: f64| (2.0 - 2.0 * (2.0 * std::f64::consts::PI * m as f64 / n as f64).cos()) / (d * d);
+        let above: Vec<f64> = (0..levels)
+            .map(|z| if z + 1 < levels { face(z + 1) } else { 0.0 })
+            .collect();
+        let wave = |m: usize, n: usize, d: f64| {
+            (2.0 - 2.0 * (2.0 * std::f64::consts::PI * m as f64 / n as f64).cos()) / (d * d)
+        };
         let mut pivots = vec![0.0f32; block_count * levels * BLOCK * ny];
         for m in 0..half {
             for j in 0..ny {
@@ -71,7 +75,11 @@ impl Solver {
                 let mut previous = 0.0;
                 for z in 0..levels {
                     let diagonal = -(below[z] + above[z]) - parameters.density_kg_m3[z] as f64 * horizontal;
-                    let pivot = if z == 0 { diagonal } else { diagonal - below[z] * above[z - 1] * previous };
+                    let pivot = if z == 0 {
+                        diagonal
+                    } else {
+                        diagonal - below[z] * above[z - 1] * previous
+                    };
                     // The mean mode's last pivot is 0 but for rounding: its level is pinned to 0 instead.
                     let pinned = m == 0 && j == 0 && z + 1 == levels;
                     previous = if pinned { 0.0 } else { 1.0 / pivot };
@@ -80,7 +88,9 @@ impl Solver {
             }
         }
         let fft_scratch = real_to_complex.get_scratch_len().max(complex_to_real.get_scratch_len());
-        let y_scratch = forward_y.get_inplace_scratch_len().max(inverse_y.get_inplace_scratch_len());
+        let y_scratch = forward_y
+            .get_inplace_scratch_len()
+            .max(inverse_y.get_inplace_scratch_len());
         Self {
             planes: vec![Complex32::default(); levels * ny * half],
             blocks: vec![Complex32::default(); block_count * levels * BLOCK * ny],
@@ -88,7 +98,11 @@ impl Solver {
             couple_below: below.iter().map(|&b| b as f32).collect(),
             couple_above: above.iter().map(|&a| a as f32).collect(),
             plane_scratch: (0..levels)
-                .map(|_| PlaneScratch { row: vec![0.0; nx], spectrum: vec![Complex32::default(); ny * half], fft: vec![Complex32::default(); fft_scratch] })
+                .map(|_| PlaneScratch {
+                    row: vec![0.0; nx],
+                    spectrum: vec![Complex32::default(); ny * half],
+                    fft: vec![Complex32::default(); fft_scratch],
+                })
                 .collect(),
             block_scratch: vec![vec![Complex32::default(); y_scratch]; block_count],
             real_to_complex,
@@ -110,13 +124,21 @@ impl Solver {
         let half = nx / 2 + 1;
         let scale = 1.0 / (dt_s * (nx * ny) as f32);
 
-        self.planes.par_chunks_mut(ny * half).zip(self.plane_scratch.par_iter_mut()).enumerate().for_each(|(z, (plane, scratch))| {
-            for y in 0..ny {
-                mass_divergence_row(parameters, velocity, scale, y, z, &mut scratch.row);
-                // The only error is a wrong length, and the lengths are the plan's own.
-                let _ = self.real_to_complex.process_with_scratch(&mut scratch.row, &mut plane[y * half..(y + 1) * half], &mut scratch.fft);
-            }
-        });
+        self.planes
+            .par_chunks_mut(ny * half)
+            .zip(self.plane_scratch.par_iter_mut())
+            .enumerate()
+            .for_each(|(z, (plane, scratch))| {
+                for y in 0..ny {
+                    mass_divergence_row(parameters, velocity, scale, y, z, &mut scratch.row);
+                    // The only error is a wrong length, and the lengths are the plan's own.
+                    let _ = self.real_to_complex.process_with_scratch(
+                        &mut scratch.row,
+                        &mut plane[y * half..(y + 1) * half],
+                        &mut scratch.fft,
+                    );
+                }
+            });
 
         let planes = &self.planes;
         let block_len = levels * BLOCK * ny;
@@ -146,28 +168,40 @@ impl Solver {
             });
 
         let blocks = &self.blocks;
-        out.par_chunks_mut(grid.plane()).zip(self.plane_scratch.par_iter_mut()).enumerate().for_each(|(z, (out, scratch))| {
-            for m in 0..half {
-                let from = &blocks[((m / BLOCK * levels + z) * BLOCK + m % BLOCK) * ny..][..ny];
-                for (y, value) in from.iter().enumerate() {
-                    scratch.spectrum[y * half + m] = *value;
+        out.par_chunks_mut(grid.plane())
+            .zip(self.plane_scratch.par_iter_mut())
+            .enumerate()
+            .for_each(|(z, (out, scratch))| {
+                for m in 0..half {
+                    let from = &blocks[((m / BLOCK * levels + z) * BLOCK + m % BLOCK) * ny..][..ny];
+                    for (y, value) in from.iter().enumerate() {
+                        scratch.spectrum[y * half + m] = *value;
+                    }
                 }
-            }
-            for (spectrum, out) in scratch.spectrum.chunks_exact_mut(half).zip(out.chunks_exact_mut(nx)) {
-                // The row is real: what is imaginary in its mean and its shortest wave is rounding.
-                spectrum[0].im = 0.0;
-                if nx.is_multiple_of(2) {
-                    spectrum[half - 1].im = 0.0;
+                for (spectrum, out) in scratch.spectrum.chunks_exact_mut(half).zip(out.chunks_exact_mut(nx)) {
+                    // The row is real: what is imaginary in its mean and its shortest wave is rounding.
+                    spectrum[0].im = 0.0;
+                    if nx.is_multiple_of(2) {
+                        spectrum[half - 1].im = 0.0;
+                    }
+                    let _ = self
+                        .complex_to_real
+                        .process_with_scratch(spectrum, out, &mut scratch.fft);
                 }
-                let _ = self.complex_to_real.process_with_scratch(spectrum, out, &mut scratch.fft);
-            }
-        });
+            });
     }
 }
 
 /// `scale * div(rho v)` of one row, kg/m3/s times scale.
 #[inline(always)]
-fn mass_divergence_row(parameters: &Parameters, velocity: [&[f32]; 3], scale: f32, y: usize, z: usize, out: &mut [f32]) {
+fn mass_divergence_row(
+    parameters: &Parameters,
+    velocity: [&[f32]; 3],
+    scale: f32,
+    y: usize,
+    z: usize,
+    out: &mut [f32],
+) {
     let grid = &parameters.grid;
     let [_, ny, levels] = grid.cells;
     let [dx, dy, dz] = grid.cell_size_m;
@@ -180,7 +214,11 @@ fn mass_divergence_row(parameters: &Parameters, velocity: [&[f32]; 3], scale: f3
     let z_above = (z + 1).min(levels - 1);
     let w_above = &row(grid, w, y, z_above)[..n];
     let below = parameters.density_at_z_face_kg_m3[z] * scale / dz;
-    let above = if z + 1 < levels { parameters.density_at_z_face_kg_m3[z + 1] * scale / dz } else { 0.0 };
+    let above = if z + 1 < levels {
+        parameters.density_at_z_face_kg_m3[z + 1] * scale / dz
+    } else {
+        0.0
+    };
     let (to_x, to_y) = (density / dx, density / dy);
     for i in 0..n - 1 {
         out[i] = to_x * (u[i + 1] - u[i]);
@@ -192,7 +230,11 @@ fn mass_divergence_row(parameters: &Parameters, velocity: [&[f32]; 3], scale: f3
 }
 
 /// Thomas' algorithm on all wave numbers of a block at once, `wide` complex numbers a level.
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[multiversion::multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl+fma",
+    "x86_64+avx2+fma",
+    "aarch64+neon"
+))]
 fn solve_block(couple_below: &[f32], couple_above: &[f32], pivots: &[f32], block: &mut [Complex32], wide: usize) {
     let levels = couple_below.len();
     for z in 0..levels {
@@ -201,7 +243,7 @@ fn solve_block(couple_below: &[f32], couple_above: &[f32], pivots: &[f32], block
         let pivot = &pivots[z * wide..(z + 1) * wide];
         if z == 0 {
             for i in 0..wide {
-                here[i] = here[i] * pivot[i];
+                here[i] *= pivot[i];
             }
         } else {
             let below = &done[(z - 1) * wide..];

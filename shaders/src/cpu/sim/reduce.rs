@@ -16,7 +16,11 @@ fn larger(maximum: u32, value: f32) -> u32 {
 }
 
 /// One level's part.
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[multiversion::multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl+fma",
+    "x86_64+avx2+fma",
+    "aarch64+neon"
+))]
 fn level(parameters: &Parameters, velocity: [&[f32]; 3], viscosity: &[f32], z: usize) -> Reductions {
     let grid = &parameters.grid;
     let plane = grid.plane();
@@ -46,14 +50,23 @@ fn level(parameters: &Parameters, velocity: [&[f32]; 3], viscosity: &[f32], z: u
 
 /// Reduces the velocities and the viscosity (which may be empty). `levels` is scratch, one a level.
 pub fn run(parameters: &Parameters, velocity: [&[f32]; 3], viscosity: &[f32], levels: &mut [Reductions]) -> Reductions {
-    levels.par_iter_mut().enumerate().for_each(|(z, l)| *l = level(parameters, velocity, viscosity, z));
-    levels.iter().fold(Reductions { finite: true, ..Reductions::default() }, |a, b| Reductions {
-        courant_rate_per_s: a.courant_rate_per_s.max(b.courant_rate_per_s),
-        wind_max_m_s: a.wind_max_m_s.max(b.wind_max_m_s),
-        updraught_max_m_s: a.updraught_max_m_s.max(b.updraught_max_m_s),
-        viscosity_max_m2_s: a.viscosity_max_m2_s.max(b.viscosity_max_m2_s),
-        finite: a.finite && b.finite,
-    })
+    levels
+        .par_iter_mut()
+        .enumerate()
+        .for_each(|(z, l)| *l = level(parameters, velocity, viscosity, z));
+    levels.iter().fold(
+        Reductions {
+            finite: true,
+            ..Reductions::default()
+        },
+        |a, b| Reductions {
+            courant_rate_per_s: a.courant_rate_per_s.max(b.courant_rate_per_s),
+            wind_max_m_s: a.wind_max_m_s.max(b.wind_max_m_s),
+            updraught_max_m_s: a.updraught_max_m_s.max(b.updraught_max_m_s),
+            viscosity_max_m2_s: a.viscosity_max_m2_s.max(b.viscosity_max_m2_s),
+            finite: a.finite && b.finite,
+        },
+    )
 }
 
 /// Largest `|div(rho v)| / rho`, 1/s.
@@ -65,7 +78,11 @@ pub fn divergence_max_per_s(parameters: &Parameters, velocity: [&[f32]; 3]) -> f
         .into_par_iter()
         .map(|z| {
             let per_density = 1.0 / parameters.density_kg_m3[z];
-            let above_density = if z + 1 < levels { parameters.density_at_z_face_kg_m3[z + 1] } else { 0.0 };
+            let above_density = if z + 1 < levels {
+                parameters.density_at_z_face_kg_m3[z + 1]
+            } else {
+                0.0
+            };
             let z_above = (z + 1).min(levels - 1);
             let mut worst = 0.0f32;
             for y in 0..ny {

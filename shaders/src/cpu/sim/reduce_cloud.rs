@@ -21,7 +21,13 @@ struct Level {
 }
 
 /// Reduces; `extinction` is what views will see, so levels that hold any of it are reported too.
-pub fn run(parameters: &Parameters, cloud: &[f32], water: &[f32], extinction: &[f32], wind: [&[f32]; 2]) -> CloudReductions {
+pub fn run(
+    parameters: &Parameters,
+    cloud: &[f32],
+    water: &[f32],
+    extinction: &[f32],
+    wind: [&[f32]; 2],
+) -> CloudReductions {
     let grid = &parameters.grid;
     let plane = grid.plane();
     let dz = grid.cell_size_m[2] as f64;
@@ -30,7 +36,10 @@ pub fn run(parameters: &Parameters, cloud: &[f32], water: &[f32], extinction: &[
         .map(|z| {
             let at = z * plane..(z + 1) * plane;
             let (cloud, u, v) = (&cloud[at.clone()], &wind[0][at.clone()], &wind[1][at.clone()]);
-            let mut level = Level { water: water[at.clone()].iter().map(|&q| q as f64).sum(), ..Level::default() };
+            let mut level = Level {
+                water: water[at.clone()].iter().map(|&q| q as f64).sum(),
+                ..Level::default()
+            };
             for i in 0..plane {
                 if cloud[i] > 0.0 {
                     let liquid = cloud[i] as f64;
@@ -48,10 +57,15 @@ pub fn run(parameters: &Parameters, cloud: &[f32], water: &[f32], extinction: &[
         .into_par_iter()
         .map(|y| {
             let nx = grid.cells[0];
-            (0..nx).filter(|x| (0..grid.cells[2]).any(|z| cloud[z * plane + y * nx + x] > CLOUDY_KG_PER_KG)).count()
+            (0..nx)
+                .filter(|x| (0..grid.cells[2]).any(|z| cloud[z * plane + y * nx + x] > CLOUDY_KG_PER_KG))
+                .count()
         })
         .sum();
-    let mut total = CloudReductions { cover: columns as f64 / plane as f64, ..CloudReductions::default() };
+    let mut total = CloudReductions {
+        cover: columns as f64 / plane as f64,
+        ..CloudReductions::default()
+    };
     let (mut mass, mut momentum) = (0.0, [0.0; 2]);
     for (z, level) in levels.iter().enumerate() {
         let weight = parameters.density_kg_m3[z] as f64 * dz / plane as f64;

@@ -29,7 +29,11 @@ fn saturation(pressure_pa: f32, temperature_k: f32) -> (f32, f32) {
     (q, q * pressure_pa * dry * (17.67 * 243.5) / (t * t))
 }
 
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[multiversion::multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl+fma",
+    "x86_64+avx2+fma",
+    "aarch64+neon"
+))]
 fn level(parameters: &Parameters, z: usize, heat: &[f32], water: &[f32], cloud: &mut [f32], buoyancy: &mut [f32]) {
     let pressure = parameters.pressure_pa[z];
     let exner = parameters.exner[z];
@@ -38,8 +42,11 @@ fn level(parameters: &Parameters, z: usize, heat: &[f32], water: &[f32], cloud: 
     let theta_v0 = parameters.virtual_potential_temperature_k[z];
     let lift = c::GRAVITY_M_S2 as f32 / theta_v0;
     let nx = parameters.grid.cells[0];
-    for (((heat, water), cloud), buoyancy) in
-        heat.chunks_exact(nx).zip(water.chunks_exact(nx)).zip(cloud.chunks_exact_mut(nx)).zip(buoyancy.chunks_exact_mut(nx))
+    for (((heat, water), cloud), buoyancy) in heat
+        .chunks_exact(nx)
+        .zip(water.chunks_exact(nx))
+        .zip(cloud.chunks_exact_mut(nx))
+        .zip(buoyancy.chunks_exact_mut(nx))
     {
         let (heat, water) = (&heat[..nx], &water[..nx]);
         let (cloud, buoyancy) = (&mut cloud[..nx], &mut buoyancy[..nx]);
@@ -71,7 +78,8 @@ fn level(parameters: &Parameters, z: usize, heat: &[f32], water: &[f32], cloud: 
             let theta = reference + theta_excess;
             let vapour = (water[i] - cloud[i]).max(0.0);
             // Differences first: 300 K would swallow the millikelvins that matter.
-            buoyancy[i] = lift * (theta_excess + (reference - theta_v0) + theta * (VAPOUR_LIGHTNESS * vapour - cloud[i]));
+            buoyancy[i] =
+                lift * (theta_excess + (reference - theta_v0) + theta * (VAPOUR_LIGHTNESS * vapour - cloud[i]));
         }
     }
 }
@@ -80,10 +88,25 @@ fn level(parameters: &Parameters, z: usize, heat: &[f32], water: &[f32], cloud: 
 pub fn run(parameters: &Parameters, heat: &[f32], water: &[f32], cloud: &mut [f32], buoyancy: &mut [f32]) {
     let plane = parameters.grid.plane();
     let len = slab_len(&parameters.grid);
-    cloud.par_chunks_mut(len).zip(buoyancy.par_chunks_mut(len)).enumerate().for_each(|(s, (cloud, buoyancy))| {
-        for (l, (cloud, buoyancy)) in cloud.chunks_exact_mut(plane).zip(buoyancy.chunks_exact_mut(plane)).enumerate() {
-            let z = s * SLAB_LEVELS + l;
-            level(parameters, z, &heat[z * plane..(z + 1) * plane], &water[z * plane..(z + 1) * plane], cloud, buoyancy);
-        }
-    });
+    cloud
+        .par_chunks_mut(len)
+        .zip(buoyancy.par_chunks_mut(len))
+        .enumerate()
+        .for_each(|(s, (cloud, buoyancy))| {
+            for (l, (cloud, buoyancy)) in cloud
+                .chunks_exact_mut(plane)
+                .zip(buoyancy.chunks_exact_mut(plane))
+                .enumerate()
+            {
+                let z = s * SLAB_LEVELS + l;
+                level(
+                    parameters,
+                    z,
+                    &heat[z * plane..(z + 1) * plane],
+                    &water[z * plane..(z + 1) * plane],
+                    cloud,
+                    buoyancy,
+                );
+            }
+        });
 }

@@ -13,13 +13,16 @@ pub fn run(parameters: &Parameters, field: &[f32], base: &[f32], at_face: bool, 
     let Some(rates) = &parameters.sponge else { return };
     let plane = parameters.grid.plane();
     let rates = &rates[usize::from(at_face)];
-    slow.par_chunks_mut(plane).zip(field.par_chunks(plane)).enumerate().for_each(|(z, (slow, field))| {
-        let rate = rates[z] / (1.0 + rates[z] * substep_s);
-        if rate > 0.0 {
-            let base = base.get(z).copied().unwrap_or(0.0);
-            for (s, f) in slow.iter_mut().zip(field) {
-                *s -= rate * (f - base);
+    slow.par_chunks_mut(plane)
+        .zip(field.par_chunks(plane))
+        .enumerate()
+        .for_each(|(z, (slow, field))| {
+            let rate = rates[z] / (1.0 + rates[z] * substep_s);
+            if rate > 0.0 {
+                let base = base.get(z).copied().unwrap_or(0.0);
+                for (s, f) in slow.iter_mut().zip(field) {
+                    *s -= rate * (f - base);
+                }
             }
-        }
-    });
+        });
 }

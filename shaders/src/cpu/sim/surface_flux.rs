@@ -11,13 +11,24 @@ use super::slab::{ahead, back, for_row, row};
 const CALM_M_S: f32 = 0.1;
 
 /// Runs the stage; nothing if the parameters have no surface.
-pub fn run(parameters: &Parameters, u: &[f32], v: &[f32], slow_u: &mut [f32], slow_v: &mut [f32], slow_heat: &mut [f32], slow_water: &mut [f32]) {
+pub fn run(
+    parameters: &Parameters,
+    u: &[f32],
+    v: &[f32],
+    slow_u: &mut [f32],
+    slow_v: &mut [f32],
+    slow_heat: &mut [f32],
+    slow_water: &mut [f32],
+) {
     let Some(surface) = &parameters.surface else { return };
     let grid = &parameters.grid;
     let [nx, ny, _] = grid.cells;
     let plane = grid.plane();
     let per_height = parameters.density_at_z_face_kg_m3[0] / parameters.density_kg_m3[0] / grid.cell_size_m[2];
-    for (slow, flux) in [(slow_heat, surface.heat_flux_k_m_s), (slow_water, surface.moisture_flux_m_s)] {
+    for (slow, flux) in [
+        (slow_heat, surface.heat_flux_k_m_s),
+        (slow_water, surface.moisture_flux_m_s),
+    ] {
         slow.iter_mut().take(plane).for_each(|s| *s += flux * per_height);
     }
     let drag = surface.friction_velocity_m_s * surface.friction_velocity_m_s * per_height;

@@ -41,7 +41,8 @@ impl DetailNoise {
             let square = pairs.iter().map(|p| (p[c] as f64 - mean).powi(2)).sum::<f64>() / pairs.len() as f64;
             scale[c] = [mean as f32, (0.2 / square.sqrt().max(1e-6)) as f32];
         }
-        let byte = |p: [f32; 2], c: usize| (((p[c] - scale[c][0]) * scale[c][1] + 0.5).clamp(0.0, 1.0) * 255.0 + 0.5) as u32;
+        let byte =
+            |p: [f32; 2], c: usize| (((p[c] - scale[c][0]) * scale[c][1] + 0.5).clamp(0.0, 1.0) * 255.0 + 0.5) as u32;
         let words = (0..pairs.len())
             .map(|at| {
                 let east = at - at % n + (at + 1) % n;
@@ -82,10 +83,18 @@ impl DetailNoise {
 /// Trilinear mix of one byte of the corners, each of which holds its eastern neighbour's byte too.
 #[inline(always)]
 fn mix(corners: &[Indices; 4], shift: u32, f: &[Lanes; 3]) -> Lanes {
-    let c0 = corners[0].bits(shift, 0xff).lerp(corners[0].bits(shift + 16, 0xff), f[0]);
-    let c1 = corners[1].bits(shift, 0xff).lerp(corners[1].bits(shift + 16, 0xff), f[0]);
-    let c2 = corners[2].bits(shift, 0xff).lerp(corners[2].bits(shift + 16, 0xff), f[0]);
-    let c3 = corners[3].bits(shift, 0xff).lerp(corners[3].bits(shift + 16, 0xff), f[0]);
+    let c0 = corners[0]
+        .bits(shift, 0xff)
+        .lerp(corners[0].bits(shift + 16, 0xff), f[0]);
+    let c1 = corners[1]
+        .bits(shift, 0xff)
+        .lerp(corners[1].bits(shift + 16, 0xff), f[0]);
+    let c2 = corners[2]
+        .bits(shift, 0xff)
+        .lerp(corners[2].bits(shift + 16, 0xff), f[0]);
+    let c3 = corners[3]
+        .bits(shift, 0xff)
+        .lerp(corners[3].bits(shift + 16, 0xff), f[0]);
     c0.lerp(c1, f[1]).lerp(c2.lerp(c3, f[1]), f[2]) * (1.0 / 255.0)
 }
 
@@ -96,7 +105,9 @@ impl Default for DetailNoise {
 }
 
 fn hash(x: usize, y: usize, z: usize, salt: u32) -> u32 {
-    let mut h = (x as u32).wrapping_mul(0x8da6_b343) ^ (y as u32).wrapping_mul(0xd816_3841) ^ (z as u32).wrapping_mul(0xcb1a_b31f);
+    let mut h = (x as u32).wrapping_mul(0x8da6_b343)
+        ^ (y as u32).wrapping_mul(0xd816_3841)
+        ^ (z as u32).wrapping_mul(0xcb1a_b31f);
     h = h.wrapping_add(salt.wrapping_mul(0x9e37_79b9));
     h = (h ^ (h >> 16)).wrapping_mul(0x7feb_352d);
     h = (h ^ (h >> 15)).wrapping_mul(0x846c_a68b);
@@ -132,7 +143,12 @@ fn gradient(p: [f32; 3], cells: usize, salt: u32) -> f32 {
     let mut sum = 0.0;
     for n in 0..8usize {
         let d = [n & 1, n >> 1 & 1, n >> 2];
-        let h = hash((base[0] + d[0]) % cells, (base[1] + d[1]) % cells, (base[2] + d[2]) % cells, salt);
+        let h = hash(
+            (base[0] + d[0]) % cells,
+            (base[1] + d[1]) % cells,
+            (base[2] + d[2]) % cells,
+            salt,
+        );
         let mut dot = 0.0;
         let mut weight = 1.0;
         for a in 0..3 {

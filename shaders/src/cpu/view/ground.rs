@@ -1,20 +1,60 @@
-//! Stage `ground`: the land under the clouds.
+//! Stage `ground`: the land or the sea under the clouds.
 //!
 //! Reads: the place a ray meets the ground, [`SkyLight`], the shadow map of [`SunLight`], [`DetailNoise`] for patches. Writes: radiance towards the
 //! camera. Scheme: Lambert's law; sunlight times the share that passes the clouds: exp(-t) straight through and a part of
-//! the rest diffusely (two-stream); sky light. Patches of fields and woods change the albedo by a third, less with distance.
+//! the rest diffusely (two-stream); sky light. Patches of fields and woods change the land's albedo by a third, less with distance; the sea
+//! mirrors the sky besides. No glint of the sun's disc on the sea.
 
 use std::f32::consts::PI;
 
 use super::detail_noise::DetailNoise;
 use super::lanes::Lanes;
 use super::shape::Shape;
-use crate::cpu::light::sky_light::{LAND_ALBEDO, SkyLight};
+use crate::cpu::light::sky_light::SkyLight;
 use crate::cpu::light::sun_optical_depth::{SunLight, marched_direction};
+
+/// What lies under the clouds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Ground {
+    /// Fields and woods.
+    #[default]
+    Land,
+    /// Water under a breeze.
+    Sea,
+}
+
+impl Ground {
+    /// Share of light that is given back from below the surface, on average; red, green, blue.
+    pub fn albedo(self) -> [f32; 3] {
+        match self {
+            Ground::Land => [0.070, 0.088, 0.048],
+            Ground::Sea => [0.010, 0.026, 0.042],
+        }
+    }
+}
+
+/// Where ruffled water mirrors a ray that comes down along `d`: up again, and higher the flatter it came, since it
+/// is the facets tilted towards the viewer that are seen.
+#[inline(always)]
+pub(crate) fn mirrored(d: &[Lanes; 3]) -> [Lanes; 3] {
+    let up = Lanes::splat(0.12) - d[2];
+    let length = (d[0] * d[0] + d[1] * d[1] + up * up).sqrt();
+    [d[0] / length, d[1] / length, up / length]
+}
+
+/// Share of light that water mirrors, by the sine of the ray's elevation: Schlick's approximation for the index 1.33, with the rise
+/// towards grazing cut to 0.45 by the waves' slopes.
+#[inline(always)]
+pub(crate) fn mirror_share(rise: Lanes) -> Lanes {
+    let flat = (rise + 1.0).clamp(0.0, 1.0);
+    let squared = flat * flat;
+    squared * squared * flat * 0.43 + 0.02
+}
 
 /// Radiance of the ground at `x`, `y` (m), seen from `distance_m`.
 #[inline(always)]
 pub(crate) fn radiance(
+    ground: Ground,
     light: &SkyLight,
     cloud: Option<(&Shape, &SunLight)>,
     noise: &DetailNoise,
@@ -31,12 +71,17 @@ pub(crate) fn radiance(
             let depth = shadow_depth(shape, sun_light, x + reach * sun[0], y + reach * sun[1]);
             let straight = (Lanes::splat(0.0) - depth).exp();
             let diffuse = one / (depth * 0.105 + 1.0);
-            (straight + (one - straight) * diffuse * 0.45, 0.8 + 0.2 * sun_light.sunlit_share)
+            (
+                straight + (one - straight) * diffuse * 0.45,
+                0.8 + 0.2 * sun_light.sunlit_share,
+            )
         }
         None => (one, 1.0),
     };
     let (broad, _) = noise.look(x * (1.0 / 21_000.0), y * (1.0 / 21_000.0), Lanes::splat(0.3));
     let (fields, grain) = noise.look(x * (1.0 / 3_700.0), y * (1.0 / 3_700.0), Lanes::splat(0.7));
+    let albedo_mean = ground.albedo();
+    let uneven = if ground == Ground::Sea { 0.0 } else { 1.0 };
     let near = one / (distance_m * distance_m * (1.0 / 64e6) + 1.0);
     let patch = (broad - 0.5) * 0.7 + (fields - 0.5) * 0.6 * near + (grain - 0.5) * 0.35 * near * near;
     let lit = sun_direction[2].max(0.0) / PI;
@@ -44,7 +89,7 @@ pub(crate) fn radiance(
     let tint = [1.15, 0.85, 0.6];
     let mut radiance = [one; 3];
     for c in 0..3 {
-        let albedo = (patch * tint[c] + 1.0).clamp(0.4, 1.8) * LAND_ALBEDO[c];
+        let albedo = (patch * (uneven * tint[c]) + 1.0).clamp(0.4, 1.8) * albedo_mean[c];
         radiance[c] = albedo * (passed * (light.sun_at_ground[c] * lit) + light.sky_irradiance[c] * sky_share / PI);
     }
     radiance
@@ -56,6 +101,9 @@ fn shadow_depth(shape: &Shape, sun_light: &SunLight, x: Lanes, y: Lanes) -> Lane
     let row = shape.stride[0] as u32;
     let map = &sun_light.shadow;
     let south = index.gather_f32(map).lerp(index.plus(1).gather_f32(map), f[0]);
-    let north = index.plus(row).gather_f32(map).lerp(index.plus(row + 1).gather_f32(map), f[0]);
+    let north = index
+        .plus(row)
+        .gather_f32(map)
+        .lerp(index.plus(row + 1).gather_f32(map), f[0]);
     south.lerp(north, f[1])
 }

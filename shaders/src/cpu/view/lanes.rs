@@ -242,7 +242,7 @@ pub fn exp2(v: f32) -> f32 {
     let exponent = (rounded.to_bits() as i32).wrapping_sub(0x4b40_0000).wrapping_add(127) << 23;
     // Taylor series of 2^f for f from -0.5 to 0.5.
     let p = 1.0
-        + f * (0.693_147_2
+        + f * (std::f32::consts::LN_2
             + f * (0.240_226_5 + f * (0.055_504_11 + f * (0.009_618_129 + f * (0.001_333_356 + f * 0.000_154_035)))));
     f32::from_bits(exponent as u32) * p
 }

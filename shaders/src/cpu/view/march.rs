@@ -1,19 +1,21 @@
 //! Stage `march`: rays of view through sky, cloud and to the ground, sixteen at a time.
 //!
 //! Reads: [`Frame`]. Writes: rows of RGB bytes. Scheme: a packet is 4 x 4 pixels. Each ray is cut to the slab that holds cloud (the Earth curves
-//! away by d^2 / 2R), leaps over empty space by [`Shape::empty_distance_m`], and in cloud takes steps of 14 m growing with
+//! away by d^2 / 2R), leaps over empty space by [`Shape::empty_distance_m`], and in cloud takes steps of 15 m growing with
 //! distance; a step's light is integrated in closed form (Hillaire 2015). Its source is sunlight that passed the cloud (the stored
-//! optical depth, and two finer steps with the detail noise close by), scattered once by the droplets' phase function and further by
+//! optical depth, and two finer steps with the detail noise while the ray is near and little dimmed), scattered once by the droplets' phase function and further by
 //! octaves (Wrenninge et al. 2013: each with half the extinction, a share of the light, a rounder phase), and the diffuse
 //! light of sky and ground. A ray ends below 1 % transmittance. The air between is put in once, at the mean distance of the light.
 //!
 //! Floor of the cost: a sample gathers 8 words of shape, 4 to 8 of noise, 8 of light, and with two finer steps 24 more: about 45
 //! gathers of 16 lanes at 20 cycles and 900 vector operations at 2 a cycle, 1400 cycles a packet; a 640x360 picture is 14,400 packets
-//! of some 20 samples, 4e8 cycles or 50 ms on two cores at 4 GHz.
+//! of some 20 samples, 4e8 cycles or 50 ms on two cores at 4 GHz. Measured on such a machine: 200 to 340 ms of processor time for views
+//! filled with cloud, so two to three times the floor: the compiler loads the lanes' words one by one and spills some packets.
 
 use multiversion::multiversion;
 
 use super::detail_noise::{DetailNoise, TILE_BILLOWS};
+use super::ground::Ground;
 use super::haze::Haze;
 use super::lanes::{LANES, Lanes};
 use super::shape::{EDGE, Shape, trilinear};
@@ -36,7 +38,7 @@ const SKY_DISTANCE_M: f32 = 300_000.0;
 /// Distances of the two finer steps towards the sun and their lengths, m.
 const FINE_STEPS_M: [[f32; 2]; 2] = [[18.0, 36.0], [63.0, 54.0]];
 /// Fine steps are left out beyond, m.
-const FINE_REACH_M: f32 = 9_000.0;
+const FINE_REACH_M: f32 = 7_000.0;
 /// Small billows are looked up a second time, smaller, nearer than this, m.
 const NEAR_DETAIL_M: f32 = 3_500.0;
 /// Share of light each octave keeps, and of asymmetry.
@@ -82,6 +84,8 @@ pub struct Frame<'a> {
     pub haze_on_cloud: bool,
     /// Cloud, if there is any.
     pub cloud: Option<(&'a Shape, &'a SunLight)>,
+    /// What lies under the clouds.
+    pub ground: Ground,
     /// Whether the ground shows the clouds' shadow.
     pub shadow: bool,
     /// Noise tile.
@@ -146,13 +150,33 @@ fn packet(frame: &Frame<'_>, px: Lanes, py: Lanes) -> [Lanes; 3] {
     let sky_end = Lanes::splat(SKY_DISTANCE_M);
     let end = Lanes::select_less(zero, down, ground_at.min(sky_end), sky_end);
 
-    let sky = frame.sky.look(&d);
+    // The table's lower half holds no ground: a ray that just misses the ground must not look there.
+    let above = d[2].max(Lanes::splat(frame.sky.horizon_sine + 2e-4));
+    let sky = frame
+        .sky
+        .look(&[d[0], d[1], Lanes::select_less(zero, down, d[2], above)]);
     let whole = frame.haze.transmittance(end, d[2]);
     let mut light = sky;
     if down.any_above(0.0) {
         let cloud = if frame.shadow { frame.cloud } else { None };
         let (gx, gy) = (d[0] * end + ox, d[1] * end + oy);
-        let land = ground::radiance(frame.light, cloud, frame.noise, frame.sun_direction, gx, gy, end);
+        let mut land = ground::radiance(
+            frame.ground,
+            frame.light,
+            cloud,
+            frame.noise,
+            frame.sun_direction,
+            gx,
+            gy,
+            end,
+        );
+        if frame.ground == Ground::Sea {
+            let mirrored = frame.sky.look(&ground::mirrored(&d));
+            let share = ground::mirror_share(d[2]);
+            for c in 0..3 {
+                land[c] = land[c].lerp(mirrored[c], share);
+            }
+        }
         for c in 0..3 {
             light[c] = light[c] + land[c] * whole[c] * down;
         }
@@ -161,7 +185,8 @@ fn packet(frame: &Frame<'_>, px: Lanes, py: Lanes) -> [Lanes; 3] {
     // The chord to the sun's centre is its angle for small angles.
     let angle = ((one - turn) * 2.0).sqrt();
     let pixel = scale * 0.7;
-    let disc = ((Lanes::splat(SUN_ANGULAR_RADIUS + pixel * 0.5) - angle) * (1.0 / pixel)).clamp(0.0, 1.0) * (one - down);
+    let disc =
+        ((Lanes::splat(SUN_ANGULAR_RADIUS + pixel * 0.5) - angle) * (1.0 / pixel)).clamp(0.0, 1.0) * (one - down);
     if disc.any_above(0.0) {
         let radiance = 1.0 / (std::f32::consts::PI * SUN_ANGULAR_RADIUS * SUN_ANGULAR_RADIUS);
         for c in 0..3 {
@@ -169,7 +194,9 @@ fn packet(frame: &Frame<'_>, px: Lanes, py: Lanes) -> [Lanes; 3] {
         }
     }
     // Pattern of the pixels: interleaved gradient noise (Jimenez 2014), for the march's start and against bands.
-    let pattern = ((px * 0.067_110_56 + py * 0.005_837_15).fraction() * 52.982_918).fraction().clamp(0.0, 1.0);
+    let pattern = ((px * 0.067_110_56 + py * 0.005_837_15).fraction() * 52.982_918)
+        .fraction()
+        .clamp(0.0, 1.0);
 
     if let Some((shape, sun_light)) = frame.cloud {
         let cloud = march(frame, shape, sun_light, &d, curve, end, turn, pattern);
@@ -215,7 +242,13 @@ fn march(
     let [ox, oy, oz] = frame.position_m;
     let (first, last) = slab(oz, d[2], curve, shape.bottom_m, shape.top_m);
     let end = last.min(ground_at).min(Lanes::splat(DRAW_DISTANCE_M));
-    let mut met = Met { light: [zero; 3], through: one, distance_m: zero };
+    // Rays that never meet the slab still take part in the packet's arithmetic: from a finite place, or NaN would spread.
+    let first = first.min(end.max(zero));
+    let mut met = Met {
+        light: [zero; 3],
+        through: one,
+        distance_m: zero,
+    };
     if !(end - first).any_above(0.0) {
         return met;
     }
@@ -247,17 +280,17 @@ fn march(
         let step = step_m(t);
         let here = Lanes::select_less(zero, empty, zero, alive);
         if here.any_above(0.0) {
-            let close = t.smallest();
+            let close = Lanes::select_less(zero, here, t, Lanes::splat(f32::MAX)).smallest();
             let extinction = extinction(frame, shape, &p, t, close) * here;
             if extinction.any_above(0.0) {
                 let mut depth = zero;
                 let mut at = p;
-                if close < FINE_REACH_M {
+                if close < FINE_REACH_M && (through * here).any_above(0.25) {
                     let fade = (Lanes::splat(FINE_REACH_M) - t).clamp(0.0, 1_000.0) * 1e-3;
                     let mut covered = 0.0;
                     for [reach, length] in FINE_STEPS_M {
                         let q = [p[0] + sun[0] * reach, p[1] + sun[1] * reach, p[2] + sun[2] * reach];
-                        depth = depth + self::extinction(frame, shape, &q, t, close) * length;
+                        depth = depth + self::extinction(frame, shape, &q, t, NEAR_DETAIL_M) * length;
                         covered += length;
                     }
                     depth = depth * fade;
@@ -306,7 +339,7 @@ fn march(
 /// Length of a step in cloud at distance `t`, m.
 #[inline(always)]
 fn step_m(t: Lanes) -> Lanes {
-    (t * 0.0045).clamp(14.0, 160.0)
+    (t * 0.0055).clamp(15.0, 200.0)
 }
 
 /// First and last distance at which a ray is between two heights; heights in between may be left for a while.
@@ -318,11 +351,19 @@ fn slab(from_m: f32, rise: Lanes, curve: Lanes, bottom_m: f32, top_m: f32) -> (L
     let (bottom_real, _, bottom_last) = roots(rise, curve, from_m - bottom_m);
     if from_m > top_m {
         // Into the slab from above, if at all.
-        let hit = Lanes::select_less(zero, top_real, Lanes::select_less(zero, top_first, top_first, never), never);
+        let hit = Lanes::select_less(
+            zero,
+            top_real,
+            Lanes::select_less(zero, top_first, top_first, never),
+            never,
+        );
         (hit, Lanes::select_less(zero, top_real, top_last, zero))
     } else if from_m < bottom_m {
         // From below a ray comes up once: the earth falls away under it.
-        (Lanes::select_less(zero, bottom_real, bottom_last.max(zero), zero), top_last)
+        (
+            Lanes::select_less(zero, bottom_real, bottom_last.max(zero), zero),
+            top_last,
+        )
     } else {
         (zero, top_last)
     }

@@ -13,6 +13,7 @@ pub mod occupancy;
 pub mod shape;
 pub mod tone_map;
 
+use glam::{DQuat, DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::CloudVolume;
@@ -25,6 +26,7 @@ use crate::cpu::light::sky_visibility::sky_visibility;
 use crate::cpu::light::sun_optical_depth::SunLight;
 use crate::cpu::light::transmittance_table::TransmittanceTable;
 use detail_noise::{DetailNoise, TILE_BILLOWS};
+pub use ground::Ground;
 use haze::Haze;
 use march::{Frame, FrameDetail, OCTAVES_MAX, PACKET_ROWS};
 use shape::Shape;
@@ -68,6 +70,8 @@ pub struct ViewSettings {
     pub detail: Option<Detail>,
     /// Octaves of scattering after the first; 0 is single scattering; at most 8.
     pub multiple_scattering_octaves: u32,
+    /// What lies under the clouds.
+    pub ground: Ground,
     /// Whether clouds shade the ground.
     pub cloud_shadow: bool,
     /// Horizontal visibility near the ground, m; none draws no haze between camera and cloud.
@@ -96,8 +100,8 @@ struct CloudShape {
 
 /// Air, sun and camera height.
 type SkyKey = (Atmosphere, [f32; 3], f32);
-/// Air, sun, the cloud's base and top.
-type LightKey = (Atmosphere, [f32; 3], [f32; 2]);
+/// Air, ground, sun, the cloud's base and top.
+type LightKey = (Atmosphere, Ground, [f32; 3], [f32; 2]);
 /// Volume, whether carved, sun.
 type SunLightKey = (u64, bool, [f32; 3]);
 
@@ -130,12 +134,17 @@ pub fn render(volume: Option<&CloudVolume>, settings: &ViewSettings, prepared: &
         let multiple = MultipleScatteringTable::new(&key, &transmittance);
         prepared.air = Some((key, transmittance, multiple));
     }
-    let Some((air, transmittance, multiple)) = &prepared.air else { return picture };
+    let Some((air, transmittance, multiple)) = &prepared.air else {
+        return picture;
+    };
 
     let cloud_key = volume.map_or(0, fingerprint);
     if prepared.shape.as_ref().is_none_or(|(k, _)| *k != cloud_key) {
         let shape = volume.and_then(Shape::new).map(|shape| {
-            let grid = volume.map(|v| v.grid).unwrap_or(crate::Grid { cells: [1; 3], cell_size_m: [1.0; 3] });
+            let grid = volume.map(|v| v.grid).unwrap_or(crate::Grid {
+                cells: [1; 3],
+                cell_size_m: [1.0; 3],
+            });
             let visibility = sky_visibility(&shape.slab_per_m, [grid.cells[0], grid.cells[1]], grid.cell_size_m);
             CloudShape { shape, visibility }
         });
@@ -148,9 +157,12 @@ pub fn render(volume: Option<&CloudVolume>, settings: &ViewSettings, prepared: &
         prepared.sky = Some((sky_key, SkyTable::new(air, transmittance, multiple, sun, position_m[2])));
     }
     let base_top = cloud.map_or([0.0, 1_000.0], |c| [c.shape.bottom_m.max(1.0), c.shape.top_m]);
-    let light_key = (*air, sun, base_top);
+    let light_key = (*air, settings.ground, sun, base_top);
     if prepared.light.as_ref().is_none_or(|(k, _)| *k != light_key) {
-        prepared.light = Some((light_key, SkyLight::new(air, transmittance, multiple, sun, base_top)));
+        prepared.light = Some((
+            light_key,
+            SkyLight::new(air, transmittance, multiple, settings.ground.albedo(), sun, base_top),
+        ));
     }
     let detail = settings.detail.filter(|d| d.strength > 0.0 && d.strength.is_finite());
     if let Some(cloud) = cloud {
@@ -160,7 +172,9 @@ pub fn render(volume: Option<&CloudVolume>, settings: &ViewSettings, prepared: &
             prepared.sun_light = Some((key, sun_light));
         }
     }
-    let (Some((_, sky)), Some((_, light))) = (&prepared.sky, &prepared.light) else { return picture };
+    let (Some((_, sky)), Some((_, light))) = (&prepared.sky, &prepared.light) else {
+        return picture;
+    };
 
     let luminance = |c: [f32; 3]| 0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2];
     let on_ground = luminance(light.sun_at_ground) * sun[2].max(0.0) + luminance(light.sky_irradiance);
@@ -178,6 +192,7 @@ pub fn render(volume: Option<&CloudVolume>, settings: &ViewSettings, prepared: &
         haze: Haze::new(air, position_m[2]),
         haze_on_cloud: settings.visibility_m.is_some(),
         cloud: cloud.and_then(|c| prepared.sun_light.as_ref().map(|(_, s)| (&c.shape, s))),
+        ground: settings.ground,
         shadow: settings.cloud_shadow,
         noise,
         detail: detail.map(|d| frame_detail(d, volume.map_or([0.0; 3], |v| v.air_displacement_m), settings.seed)),
@@ -193,7 +208,11 @@ pub fn render(volume: Option<&CloudVolume>, settings: &ViewSettings, prepared: &
 }
 
 fn frame_detail(detail: Detail, displacement_m: [f32; 3], seed: u32) -> FrameDetail {
-    let scale_m = if detail.scale_m.is_finite() { detail.scale_m.clamp(1.0, 1e5) } else { 200.0 };
+    let scale_m = if detail.scale_m.is_finite() {
+        detail.scale_m.clamp(1.0, 1e5)
+    } else {
+        200.0
+    };
     let tile_m = scale_m * TILE_BILLOWS as f32;
     let strength = detail.strength.min(1.0);
     let shift = |a: u32| (seed.wrapping_mul(0x9e37_79b9).rotate_left(11 * a) & 0xffff) as f32 / 65_536.0 * tile_m;
@@ -210,21 +229,25 @@ fn frame_detail(detail: Detail, displacement_m: [f32; 3], seed: u32) -> FrameDet
 
 /// Unit vectors right, up and ahead of a camera without roll.
 fn axes(azimuth_deg: f32, elevation_deg: f32) -> [[f32; 3]; 3] {
-    let azimuth = (azimuth_deg as f64).rem_euclid(360.0).to_radians();
-    let elevation = (elevation_deg as f64).clamp(-90.0, 90.0).to_radians();
-    let (sa, ca) = azimuth.sin_cos();
-    let (se, ce) = elevation.sin_cos();
-    [[ca, -sa, 0.0], [-sa * se, -ca * se, ce], [sa * ce, ca * ce, se]].map(|v| v.map(|x| x as f32))
+    // Turned about the vertical (clockwise, so backwards) after being raised about the axis to the right.
+    let azimuth = DQuat::from_rotation_z(-(azimuth_deg as f64).rem_euclid(360.0).to_radians());
+    let elevation = DQuat::from_rotation_x((elevation_deg as f64).clamp(-90.0, 90.0).to_radians());
+    [DVec3::X, DVec3::Z, DVec3::Y].map(|axis| (azimuth * elevation * axis).as_vec3().to_array())
 }
 
+/// The direction of `v`; straight up where it has none.
 fn unit(v: [f32; 3]) -> [f32; 3] {
-    let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
-    if length > 1e-12 { v.map(|x| x / length) } else { [0.0, 0.0, 1.0] }
+    Vec3::from_array(v).try_normalize().unwrap_or(Vec3::Z).to_array()
 }
 
 /// A number that tells volumes apart: a hash of grid and extinction. The displacement is left out, nothing kept depends on it.
 fn fingerprint(volume: &CloudVolume) -> u64 {
-    let mut sums = [0x9e37_79b9_7f4a_7c15u64, 0xc2b2_ae3d_27d4_eb4f, 0x1656_67b1_9e37_79f9, 0x27d4_eb2f_1656_67c5];
+    let mut sums = [
+        0x9e37_79b9_7f4a_7c15u64,
+        0xc2b2_ae3d_27d4_eb4f,
+        0x1656_67b1_9e37_79f9,
+        0x27d4_eb2f_1656_67c5,
+    ];
     let mix = |sum: &mut u64, bits: u32| *sum = (sum.rotate_left(5) ^ bits as u64).wrapping_mul(0x9fb2_1c65_1e98_df25);
     for a in 0..3 {
         mix(&mut sums[a], volume.grid.cells[a] as u32);
@@ -241,5 +264,7 @@ fn fingerprint(volume: &CloudVolume) -> u64 {
     for v in quads.remainder() {
         mix(&mut sums[0], v.to_bits());
     }
-    sums.iter().fold(1, |h, s| (h ^ s).wrapping_mul(0x9fb2_1c65_1e98_df25).rotate_left(29)).max(1)
+    sums.iter()
+        .fold(1, |h, s| (h ^ s).wrapping_mul(0x9fb2_1c65_1e98_df25).rotate_left(29))
+        .max(1)
 }

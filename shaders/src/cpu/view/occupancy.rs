@@ -68,7 +68,11 @@ impl Occupancy {
                 }
             }
             for (t, l) in to.iter_mut().zip(&least) {
-                *t = if *l == 0.0 { 0 } else { (l.sqrt() / UNIT_M).clamp(1.0, 255.0) as u8 };
+                *t = if *l == 0.0 {
+                    0
+                } else {
+                    (l.sqrt() / UNIT_M).clamp(1.0, 255.0) as u8
+                };
             }
         });
         Occupancy { cells, distance }
@@ -126,7 +130,10 @@ mod tests {
             if field[n] > 0.0 {
                 assert_eq!(got, 0.0);
             } else {
-                assert!(got >= UNIT_M && got <= least.max(UNIT_M) + 0.1 && got > least - UNIT_M - 1.0, "{got} {least}");
+                assert!(
+                    got >= UNIT_M && got <= least.max(UNIT_M) + 0.1 && got > least - UNIT_M - 1.0,
+                    "{got} {least}"
+                );
             }
         }
     }

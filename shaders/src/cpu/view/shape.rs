@@ -59,7 +59,7 @@ impl Shape {
         let mut slab_per_m = vec![0.0f32; levels * plane];
         for level in 0..levels {
             // One empty level below and above; at the ground the cloud goes on below.
-            let k = (k0 + level).checked_sub(1).unwrap_or(0);
+            let k = (k0 + level).saturating_sub(1);
             if (k >= k0 || k0 == 0) && k < k1 {
                 let from = &volume.extinction_per_m[k * plane..][..plane];
                 for (to, v) in slab_per_m[level * plane..][..plane].iter_mut().zip(from) {
@@ -91,14 +91,17 @@ impl Shape {
             finer,
         };
         let mut words = std::mem::take(&mut shape.words);
-        words.par_chunks_mut(stride[0] * stride[1]).enumerate().for_each(|(k, level)| {
-            let extinction = shape.smoothed_level(&shape.slab_per_m, k);
-            let amplitude = shape.smoothed_level(&wide, k);
-            for (word, (e, a)) in level.iter_mut().zip(extinction.iter().zip(&amplitude)) {
-                let cover = (e / a.max(1e-12)).min(1.0);
-                *word = ((a / shape.amplitude_unit_per_m).min(65_535.0) as u32) << 16 | (cover * 65_535.0) as u32;
-            }
-        });
+        words
+            .par_chunks_mut(stride[0] * stride[1])
+            .enumerate()
+            .for_each(|(k, level)| {
+                let extinction = shape.smoothed_level(&shape.slab_per_m, k);
+                let amplitude = shape.smoothed_level(&wide, k);
+                for (word, (e, a)) in level.iter_mut().zip(extinction.iter().zip(&amplitude)) {
+                    let cover = (e / a.max(1e-12)).min(1.0);
+                    *word = ((a / shape.amplitude_unit_per_m).min(65_535.0) as u32) << 16 | (cover * 65_535.0) as u32;
+                }
+            });
         shape.words = words;
         Some(shape)
     }
@@ -144,7 +147,8 @@ impl Shape {
     pub(crate) fn place(&self, x: Lanes, y: Lanes, z: Lanes) -> (Indices, [Lanes; 3]) {
         let gx = (x * self.per_period[0]).fraction() * self.points[0] as f32 + 0.5;
         let gy = (y * self.per_period[1]).fraction() * self.points[1] as f32 + 0.5;
-        let gz = ((z - self.bottom_m) * (1.0 / self.point_spacing_m[2]) - 0.5).clamp(0.0, self.points[2] as f32 - 1.001);
+        let gz =
+            ((z - self.bottom_m) * (1.0 / self.point_spacing_m[2]) - 0.5).clamp(0.0, self.points[2] as f32 - 1.001);
         let (i, fx) = gx.split();
         let (j, fy) = gy.split();
         let (k, fz) = gz.split();
@@ -178,14 +182,20 @@ impl Shape {
     /// Extinction without noise, 1/m; `carved` is what carving by noise leaves on average.
     #[inline(always)]
     pub(crate) fn mean_extinction(&self, cover: Lanes, amplitude: Lanes, carved: bool) -> Lanes {
-        if carved { amplitude * ((cover - EDGE) * (1.0 / MEAN_RAMP)).smoothstep() } else { amplitude * cover }
+        if carved {
+            amplitude * ((cover - EDGE) * (1.0 / MEAN_RAMP)).smoothstep()
+        } else {
+            amplitude * cover
+        }
     }
     /// Distance in m that holds no cloud whatever the direction; 0 in and beside cloud.
     #[inline(always)]
     pub(crate) fn empty_distance_m(&self, x: Lanes, y: Lanes, z: Lanes) -> Lanes {
         let u = (x * self.per_period[0]).fraction();
         let v = (y * self.per_period[1]).fraction();
-        let inside = self.occupancy.look(u, v, (z - self.bottom_m) * (1.0 / (self.top_m - self.bottom_m)));
+        let inside = self
+            .occupancy
+            .look(u, v, (z - self.bottom_m) * (1.0 / (self.top_m - self.bottom_m)));
         let outside = (Lanes::splat(self.bottom_m) - z).max(z - self.top_m);
         inside.max(outside)
     }
@@ -218,13 +228,17 @@ fn largest_of_neighbours(field: &[f32], [nx, ny, nz]: [usize; 3]) -> Vec<f32> {
         }
     });
     let mut b = a.clone();
-    b.par_chunks_mut(nx * ny).zip(a.par_chunks(nx * ny)).for_each(|(to, from)| {
-        for y in 0..ny {
-            for x in 0..nx {
-                to[y * nx + x] = from[(y + ny - 1) % ny * nx + x].max(from[y * nx + x]).max(from[(y + 1) % ny * nx + x]);
+    b.par_chunks_mut(nx * ny)
+        .zip(a.par_chunks(nx * ny))
+        .for_each(|(to, from)| {
+            for y in 0..ny {
+                for x in 0..nx {
+                    to[y * nx + x] = from[(y + ny - 1) % ny * nx + x]
+                        .max(from[y * nx + x])
+                        .max(from[(y + 1) % ny * nx + x]);
+                }
             }
-        }
-    });
+        });
     let plane = nx * ny;
     a.par_chunks_mut(plane).enumerate().for_each(|(k, to)| {
         let (low, high) = (k.saturating_sub(1) * plane, (k + 1).min(nz - 1) * plane);

@@ -35,7 +35,11 @@ pub(crate) fn tone_map(radiance: [Lanes; 3], exposure: f32, dither: Lanes) -> [L
 /// Exposure for a scene whose level ground receives `irradiance` (relative to the sun's above the air). Follows dusk only in part, so
 /// that it gets darker as it does to the eye.
 pub fn exposure(irradiance: f32, compensation_ev: f32) -> f32 {
-    let ev = if compensation_ev.is_finite() { compensation_ev.clamp(-20.0, 20.0) } else { 0.0 };
+    let ev = if compensation_ev.is_finite() {
+        compensation_ev.clamp(-20.0, 20.0)
+    } else {
+        0.0
+    };
     let seen = irradiance.max(0.0) + 2e-4;
-    4.9 * ev.exp2() / seen.powf(0.66)
+    7.6 * ev.exp2() / seen.powf(0.66)
 }
