@@ -16,8 +16,8 @@ use crate::base_state::{self, BaseState};
 use crate::plan::Plan;
 use crate::{initial, parameters, sun};
 
-/// While the spin-up runs, a tick is this long if the scene's is shorter, s: nobody watches for smoothness then.
-const SPIN_UP_TICK_S: f64 = 20.0;
+/// See [`World::unwatched_tick_s`].
+const UNWATCHED_TICK_S: f64 = 20.0;
 /// A substep is never longer than this share of a buoyancy oscillation's 1/N, which the explicit scheme must follow.
 const BUOYANCY_PHASE_MAX: f64 = 1.0;
 
@@ -166,10 +166,16 @@ impl World {
         self.simulated_s < self.scene.time.spin_up_s
     }
 
-    /// Advances by one tick: the scene's tick length, or a longer one during spin-up.
+    /// Length of a tick that nobody watches, in spin-up and in runs without viewers, s: the scene's, or 20 s if that is longer. A tick
+    /// bounds its substeps, so short ones make a run slower than stability asks for.
+    pub fn unwatched_tick_s(&self) -> f64 {
+        self.scene.time.tick_s.max(UNWATCHED_TICK_S)
+    }
+
+    /// Advances by one tick: the scene's tick length, or an unwatched tick's during spin-up.
     pub fn tick(&mut self) {
         let length = if self.spinning_up() {
-            self.scene.time.tick_s.max(SPIN_UP_TICK_S)
+            self.unwatched_tick_s()
         } else {
             self.scene.time.tick_s
         };
@@ -180,8 +186,7 @@ impl World {
     /// tick and stops the run by `false`.
     pub fn advance_to(&mut self, simulated_s: f64, mut progress: impl FnMut(&Self) -> bool) {
         while self.simulated_s < simulated_s - 1e-9 {
-            let tick_s = self.scene.time.tick_s.max(SPIN_UP_TICK_S);
-            self.advance_by(tick_s.min(simulated_s - self.simulated_s));
+            self.advance_by(self.unwatched_tick_s().min(simulated_s - self.simulated_s));
             if !progress(self) {
                 return;
             }

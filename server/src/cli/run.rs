@@ -57,7 +57,7 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
     let bar = progress_bar(options.until, "simulating");
     let mut rows = Vec::new();
     while world.simulated_s() < options.until && !interrupted.load(Ordering::Relaxed) {
-        world.tick();
+        world.advance_by(world.unwatched_tick_s().min(options.until - world.simulated_s()));
         let mut numbers = world.numbers();
         numbers.speed = numbers.simulated_s / began.elapsed().as_secs_f64();
         bar.set_position(numbers.simulated_s as u64);
