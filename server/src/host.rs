@@ -13,9 +13,10 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::watch;
 use welkin_proto::report::BaseStateReport;
-use welkin_proto::wire::{Command, WorldSummary};
+use welkin_proto::wire::{Command, PlanReport, WorldSummary};
 use welkin_proto::{ApiError, Scene, validate};
 
+use crate::picture::{self, StageTime};
 use crate::world::{Snapshot, World};
 
 /// While the world runs as fast as it can, it publishes when this much wall time has gone by.
@@ -45,6 +46,7 @@ pub struct View {
     pub published: watch::Receiver<Arc<Published>>,
     commands: mpsc::Sender<Order>,
     frame_ms_bits: Arc<AtomicU64>,
+    view_times: Arc<Mutex<Vec<StageTime>>>,
 }
 
 impl View {
@@ -64,6 +66,21 @@ impl View {
     pub fn command(&self, command: Command) -> Result<(), ApiError> {
         validate::command(&command)?;
         self.commands.send(Order::Command(command)).map_err(|_| world_stopped())
+    }
+
+    /// The plan with what its passes and the view's stages have cost so far.
+    pub fn plan(&self) -> PlanReport {
+        let mut plan = self.newest().snapshot.plan.as_ref().clone();
+        let times = self.view_times.lock().unwrap_or_else(PoisonError::into_inner);
+        picture::put_times(&mut plan, &times);
+        plan
+    }
+
+    /// Tells the world what the stages of its pictures have cost so far.
+    fn set_view_times(&self, times: &[StageTime]) {
+        let mut kept = self.view_times.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.clear();
+        kept.extend_from_slice(times);
     }
 
     /// Tells the world what its last frame took; shown in the next publication.
@@ -131,6 +148,7 @@ impl Host {
             published,
             commands,
             frame_ms_bits,
+            view_times: Arc::default(),
         };
         Ok(Host {
             view,

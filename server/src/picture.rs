@@ -3,9 +3,9 @@
 use std::time::Instant;
 
 use welkin_proto::scene::{self, Scene};
-use welkin_proto::wire::FrameFormat;
+use welkin_proto::wire::{FrameFormat, PlanReport};
 use welkin_proto::{ApiError, Camera};
-use welkin_shaders::cpu::view::{Detail, Ground, Prepared, ViewSettings, render};
+use welkin_shaders::cpu::view::{Detail, Ground, Prepared, ViewSettings, render_watched};
 
 use crate::world::Snapshot;
 
@@ -28,12 +28,36 @@ pub struct Picture {
 #[derive(Default)]
 pub struct Renderer {
     prepared: Prepared,
+    stages: Vec<StageTime>,
+}
+
+/// How often a stage of the view ran and how long it took in all.
+#[derive(Clone, Copy, Debug)]
+pub struct StageTime {
+    stage: &'static str,
+    runs: u64,
+    total_ms: f64,
+}
+
+/// Puts measured times of the view's stages into a plan.
+pub fn put_times(plan: &mut PlanReport, times: &[StageTime]) {
+    for time in times {
+        if let Some(pass) = plan.passes.iter_mut().find(|p| p.stage == time.stage) {
+            pass.runs = time.runs;
+            pass.mean_ms = Some(time.total_ms / time.runs as f64);
+        }
+    }
 }
 
 impl Renderer {
     /// Nothing prepared yet.
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// What the view's stages have cost so far.
+    pub fn times(&self) -> &[StageTime] {
+        &self.stages
     }
 
     /// Renders `width * height` pixels from `camera`. Errors: `out_of_range` for a picture of no or absurdly many pixels
@@ -78,7 +102,29 @@ impl Renderer {
             seed: scene.seed,
             surface_altitude_m: scene.domain.surface_altitude_m as f32,
         };
-        let rgb8 = render(snapshot.volume.as_deref(), &settings, &mut self.prepared);
+        let mut last = begin;
+        let stages = &mut self.stages;
+        let rgb8 = render_watched(
+            snapshot.volume.as_deref(),
+            &settings,
+            &mut self.prepared,
+            &mut |stage| {
+                let now = Instant::now();
+                let ms = (now - last).as_secs_f64() * 1e3;
+                last = now;
+                match stages.iter_mut().find(|s| s.stage == stage) {
+                    Some(time) => {
+                        time.runs += 1;
+                        time.total_ms += ms;
+                    }
+                    None => stages.push(StageTime {
+                        stage,
+                        runs: 1,
+                        total_ms: ms,
+                    }),
+                }
+            },
+        );
         Ok(Picture {
             rgb8,
             width,

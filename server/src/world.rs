@@ -388,8 +388,8 @@ impl World {
         }
     }
 
-    /// The plan with what each pass has cost so far. The view's stages are named with the effect that asks for them; their
-    /// cost is each picture's own.
+    /// The plan with what each pass has cost so far. The view's stages are named with the effect that asks for them;
+    /// what they cost, the renderer knows.
     pub fn plan_report(&self) -> PlanReport {
         let names = |fields: &[Field]| {
             fields

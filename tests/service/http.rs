@@ -118,7 +118,21 @@ async fn a_world_is_made_looked_at_commanded_and_stopped() {
     let state = server.get(&path).await.json();
     assert_eq!(state["scene"]["name"], "small");
     assert_eq!(state["base_state"]["surface_pressure_pa"], 100000.0);
+    assert_eq!(
+        server.get(&format!("{path}/frame?width=16&height=16")).await.status,
+        200
+    );
     let plan = server.get(&format!("{path}/plan")).await.json();
+    let march = plan["passes"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|p| p["stage"] == "march")
+        .unwrap();
+    assert!(
+        march["runs"] == 1 && march["mean_ms"].as_f64().unwrap() > 0.0,
+        "{march}"
+    );
     assert!(!plan["passes"].as_array().unwrap().is_empty(), "{plan}");
     let sum: u64 = plan["fields"]
         .as_array()
@@ -129,6 +143,9 @@ async fn a_world_is_made_looked_at_commanded_and_stopped() {
     assert_eq!(plan["bytes"].as_u64(), Some(sum));
 
     let commands = format!("{path}/commands");
+    for odd in [json!({ "command": "pause", "x": 1 }), json!({ "command": "fly" })] {
+        assert_eq!(server.post(&commands, &odd).await.status, 400, "{odd}");
+    }
     assert_eq!(server.post(&commands, &json!({ "command": "pause" })).await.status, 202);
     let paused = wait_for(&server, &path, |state| state["numbers"]["paused"] == true).await;
     let tick = paused["numbers"]["tick"].clone();

@@ -4,6 +4,7 @@ use clap::Args;
 use welkin_proto::wire::PlanReport;
 
 use super::{Failure, Outcome, SceneFlags, own_limits, print_line};
+use crate::picture::{self, Renderer};
 use crate::world::World;
 
 pub(super) const EXAMPLES: &str = "\
@@ -30,9 +31,14 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
     let mut world = World::new(scene, options.flags.threads())?;
     for _ in 0..options.ticks {
         world.tick();
-        world.snapshot(); // runs the passes that feed views
     }
-    let plan = world.plan_report();
+    let mut plan = world.plan_report();
+    if options.ticks > 0 {
+        let mut renderer = Renderer::new();
+        let scene = world.scene();
+        renderer.render(&world.snapshot(), scene, &scene.camera, 640, 360)?;
+        picture::put_times(&mut plan, renderer.times());
+    }
     let text = if options.json {
         serde_json::to_string_pretty(&plan).map_err(|error| Failure(error.to_string()))?
     } else {

@@ -264,6 +264,7 @@ impl Kept {
                     request.height,
                 )?);
                 world.set_frame_ms(picture.render_ms);
+                world.set_view_times(renderer.times());
                 keep(&mut self.pictures, (key(), picture.clone()), PICTURES_KEPT);
                 picture
             }

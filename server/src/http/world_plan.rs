@@ -18,5 +18,5 @@ pub fn route() -> Route {
 }
 
 async fn plan(WorldOf(host): WorldOf) -> Json<PlanReport> {
-    Json(host.view().newest().snapshot.plan.as_ref().clone())
+    Json(host.view().plan())
 }

@@ -114,6 +114,17 @@ impl Prepared {
 
 /// Draws a picture: RGB, `width * height * 3` bytes, sRGB, rows from top to bottom. An empty volume gives what none gives.
 pub fn render(volume: Option<&CloudVolume>, settings: &ViewSettings, prepared: &mut Prepared) -> Vec<u8> {
+    render_watched(volume, settings, prepared, &mut |_| {})
+}
+
+/// As [`render`], and calls `after` with a stage's name when the stage has run, so that a caller with a clock can tell what each
+/// costs. `march` includes what runs within it: ground, haze, tone map.
+pub fn render_watched(
+    volume: Option<&CloudVolume>,
+    settings: &ViewSettings,
+    prepared: &mut Prepared,
+    after: &mut dyn FnMut(&'static str),
+) -> Vec<u8> {
     let (width, height) = (settings.width, settings.height);
     let mut picture = vec![0u8; width * height * 3];
     if picture.is_empty() {
@@ -127,25 +138,32 @@ pub fn render(volume: Option<&CloudVolume>, settings: &ViewSettings, prepared: &
     ];
     let sun = unit(settings.sun_direction.map(|v| finite(v, 0.0).clamp(-1e6, 1e6)));
 
-    let noise = prepared.noise.get_or_insert_with(DetailNoise::new);
+    if prepared.noise.is_none() {
+        prepared.noise = Some(DetailNoise::new());
+        after("detail_noise");
+    }
     let key = Atmosphere::new(settings.surface_altitude_m, settings.visibility_m);
     if prepared.air.as_ref().is_none_or(|(air, ..)| *air != key) {
         let transmittance = TransmittanceTable::new(&key);
+        after("transmittance_table");
         let multiple = MultipleScatteringTable::new(&key, &transmittance);
+        after("multiple_scattering_table");
         prepared.air = Some((key, transmittance, multiple));
     }
-    let Some((air, transmittance, multiple)) = &prepared.air else {
+    let (Some(noise), Some((air, transmittance, multiple))) = (&prepared.noise, &prepared.air) else {
         return picture;
     };
 
     let cloud_key = volume.map_or(0, fingerprint);
     if prepared.shape.as_ref().is_none_or(|(k, _)| *k != cloud_key) {
         let shape = volume.and_then(Shape::new).map(|shape| {
+            after("shape");
             let grid = volume.map(|v| v.grid).unwrap_or(crate::Grid {
                 cells: [1; 3],
                 cell_size_m: [1.0; 3],
             });
             let visibility = sky_visibility(&shape.slab_per_m, [grid.cells[0], grid.cells[1]], grid.cell_size_m);
+            after("sky_visibility");
             CloudShape { shape, visibility }
         });
         prepared.shape = Some((cloud_key, shape));
@@ -155,6 +173,7 @@ pub fn render(volume: Option<&CloudVolume>, settings: &ViewSettings, prepared: &
     let sky_key = (*air, sun, position_m[2]);
     if prepared.sky.as_ref().is_none_or(|(k, _)| *k != sky_key) {
         prepared.sky = Some((sky_key, SkyTable::new(air, transmittance, multiple, sun, position_m[2])));
+        after("sky_table");
     }
     let base_top = cloud.map_or([0.0, 1_000.0], |c| [c.shape.bottom_m.max(1.0), c.shape.top_m]);
     let light_key = (*air, settings.ground, sun, base_top);
@@ -163,6 +182,7 @@ pub fn render(volume: Option<&CloudVolume>, settings: &ViewSettings, prepared: &
             light_key,
             SkyLight::new(air, transmittance, multiple, settings.ground.albedo(), sun, base_top),
         ));
+        after("sky_light");
     }
     let detail = settings.detail.filter(|d| d.strength > 0.0 && d.strength.is_finite());
     if let Some(cloud) = cloud {
@@ -170,6 +190,7 @@ pub fn render(volume: Option<&CloudVolume>, settings: &ViewSettings, prepared: &
         if prepared.sun_light.as_ref().is_none_or(|(k, _)| *k != key) {
             let sun_light = SunLight::new(&cloud.shape, &cloud.visibility, detail.is_some(), sun);
             prepared.sun_light = Some((key, sun_light));
+            after("sun_optical_depth");
         }
     }
     let (Some((_, sky)), Some((_, light))) = (&prepared.sky, &prepared.light) else {
@@ -204,6 +225,7 @@ pub fn render(volume: Option<&CloudVolume>, settings: &ViewSettings, prepared: &
         .par_chunks_mut(PACKET_ROWS * width * 3)
         .enumerate()
         .for_each(|(n, rows)| march::draw_rows(&frame, n * PACKET_ROWS, rows));
+    after("march");
     picture
 }
 
