@@ -33,6 +33,8 @@ use shape::Shape;
 
 /// Diameter of droplets for the phase function, micrometres.
 const DROPLET_DIAMETER_UM: f32 = 18.0;
+/// Steps a unit in each component of the sun's direction that tables are made for.
+const SUN_DIRECTIONS: f32 = 1024.0;
 /// Lowest height of a camera above the ground, m.
 const CAMERA_LOWEST_M: f32 = 1.5;
 /// Greatest height of a camera, m.
@@ -170,25 +172,38 @@ pub fn render_watched(
     }
     let cloud = prepared.shape.as_ref().and_then(|(_, shape)| shape.as_ref());
 
-    let sky_key = (*air, sun, position_m[2]);
+    // Tables are made for the nearest of directions a twentieth of a degree apart: a sun that creeps with the clock keeps them for a
+    // while. The disc and the phase functions see the sun where it is.
+    let table_sun = unit(sun.map(|c| (c * SUN_DIRECTIONS).round() / SUN_DIRECTIONS));
+    let sky_key = (*air, table_sun, position_m[2]);
     if prepared.sky.as_ref().is_none_or(|(k, _)| *k != sky_key) {
-        prepared.sky = Some((sky_key, SkyTable::new(air, transmittance, multiple, sun, position_m[2])));
+        prepared.sky = Some((
+            sky_key,
+            SkyTable::new(air, transmittance, multiple, table_sun, position_m[2]),
+        ));
         after("sky_table");
     }
     let base_top = cloud.map_or([0.0, 1_000.0], |c| [c.shape.bottom_m.max(1.0), c.shape.top_m]);
-    let light_key = (*air, settings.ground, sun, base_top);
+    let light_key = (*air, settings.ground, table_sun, base_top);
     if prepared.light.as_ref().is_none_or(|(k, _)| *k != light_key) {
         prepared.light = Some((
             light_key,
-            SkyLight::new(air, transmittance, multiple, settings.ground.albedo(), sun, base_top),
+            SkyLight::new(
+                air,
+                transmittance,
+                multiple,
+                settings.ground.albedo(),
+                table_sun,
+                base_top,
+            ),
         ));
         after("sky_light");
     }
     let detail = settings.detail.filter(|d| d.strength > 0.0 && d.strength.is_finite());
     if let Some(cloud) = cloud {
-        let key = (cloud_key, detail.is_some(), sun);
+        let key = (cloud_key, detail.is_some(), table_sun);
         if prepared.sun_light.as_ref().is_none_or(|(k, _)| *k != key) {
-            let sun_light = SunLight::new(&cloud.shape, &cloud.visibility, detail.is_some(), sun);
+            let sun_light = SunLight::new(&cloud.shape, &cloud.visibility, detail.is_some(), table_sun);
             prepared.sun_light = Some((key, sun_light));
             after("sun_optical_depth");
         }
