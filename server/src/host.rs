@@ -300,7 +300,7 @@ impl Runner {
                     self.world.tick();
                     let numbers = self.world.numbers();
                     self.speed.mark(numbers.simulated_s);
-                    if !is_finite(&numbers) {
+                    if !self.world.is_finite() {
                         tracing::error!(
                             tick = numbers.tick,
                             "the world's fields are no longer finite; it is stopped"
@@ -331,10 +331,6 @@ impl Runner {
             Command::Wind { add_x_m_s, add_y_m_s } => self.world.add_wind(add_x_m_s, add_y_m_s),
         }
     }
-}
-
-fn is_finite(numbers: &welkin_proto::wire::Numbers) -> bool {
-    numbers.updraught_max_m_s.is_finite() && numbers.wind_max_m_s.is_finite() && numbers.courant.is_finite()
 }
 
 /// Simulated seconds a wall second over the last [`SPEED_WINDOW`].

@@ -166,6 +166,12 @@ impl World {
         self.simulated_s < self.scene.time.spin_up_s
     }
 
+    /// Whether all velocities and viscosities were finite after the last substep. The numbers alone can't tell: a maximum passes over
+    /// NaN.
+    pub fn is_finite(&self) -> bool {
+        !self.has_flow() || self.reductions.finite
+    }
+
     /// Length of a tick that nobody watches, in spin-up and in runs without viewers, s: the scene's, or 20 s if that is longer. A tick
     /// bounds its substeps, so short ones make a run slower than stability asks for.
     pub fn unwatched_tick_s(&self) -> f64 {
@@ -193,7 +199,8 @@ impl World {
         }
     }
 
-    /// Advances by `length_s` simulated seconds as one tick, in as many equal substeps as stability asks for.
+    /// Advances by `length_s` simulated seconds as one tick, in as many equal substeps as stability asks for. Once a field is no longer
+    /// finite no substep is made: the clock goes on, and [`World::is_finite`] tells.
     pub fn advance_by(&mut self, length_s: f64) {
         let pool = Arc::clone(&self.pool);
         pool.install(|| self.advance_here(length_s));
@@ -204,7 +211,8 @@ impl World {
         let mut done = 0.0;
         self.substeps = 0;
         if self.has_flow() {
-            while length_s - done > 1e-6 * length_s {
+            // An infinite speed would ask for substeps of no length, and the loop would never end.
+            while length_s - done > 1e-6 * length_s && self.reductions.finite {
                 let left = length_s - done;
                 let count = (left / self.substep_max_s()).ceil().max(1.0);
                 self.substep_s = left / count;

@@ -224,3 +224,20 @@ fn every_case_stays_finite_and_bounded() {
         }
     }
 }
+
+#[test]
+fn what_is_not_finite_ends_the_substeps_and_shows() {
+    for poison in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let mut scene = presets::find("fair-weather-cumulus").expect("a preset");
+        small(&mut scene);
+        let mut world = World::new(scene, None).expect("a world");
+        assert!(world.is_finite());
+        let mut velocity = world.device().read(Field::VelocityZ).expect("planned").to_vec();
+        velocity[500] = poison;
+        world.write_field(Field::VelocityZ, &velocity).expect("planned");
+        // Must come back, twice: the second tick starts from the poisoned state.
+        world.advance_by(20.0);
+        world.advance_by(20.0);
+        assert!(!world.is_finite(), "{poison} went unnoticed");
+    }
+}

@@ -62,7 +62,7 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
         numbers.speed = numbers.simulated_s / began.elapsed().as_secs_f64();
         bar.set_position(numbers.simulated_s as u64);
         rows.push(row(&numbers)?);
-        if !numbers.updraught_max_m_s.is_finite() {
+        if !world.is_finite() {
             bar.abandon();
             return Err(Failure(format!(
                 "the fields are no longer finite at tick {}",
