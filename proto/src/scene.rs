@@ -37,11 +37,79 @@ pub struct Scene {
     /// What is simulated and drawn.
     #[serde(default)]
     pub effects: Effects,
+    /// How exactly it is computed; chooses a method on each ladder, and how long a substep may be.
+    #[serde(default)]
+    pub accuracy: Accuracy,
+    /// Methods by name, each in place of what `accuracy` chose.
+    #[serde(default)]
+    pub methods: Methods,
     /// Where the sun's place comes from.
     #[serde(default)]
     pub sun: Sun,
     /// The default point of view.
     pub camera: Camera,
+}
+
+/// See [`Scene::accuracy`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Accuracy {
+    /// Cheap methods and long substeps: sums of heat and water drift a little.
+    Fast,
+    /// Heat and water are conserved to rounding, the mass flux is free of divergence.
+    #[default]
+    Balanced,
+    /// As `balanced`, in substeps half as long.
+    Reference,
+}
+
+/// See [`Scene::methods`].
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Methods {
+    /// How the wind carries itself, heat and water. Needs the effect `flow`.
+    pub advection: Option<Advection>,
+    /// How the mass flux is freed of divergence. Needs the effect `flow`.
+    pub pressure: Option<Pressure>,
+}
+
+/// See [`Methods::advection`]; cheapest first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Advection {
+    /// Semi-Lagrangian with linear interpolation: stable at any Courant number, smears.
+    SemiLagrangianLinear,
+    /// MacCormack with a limiter on the semi-Lagrangian step.
+    MacCormack,
+    /// Semi-Lagrangian with cubic interpolation and a limiter.
+    SemiLagrangianCubic,
+    /// Flux form of fifth order with three-stage Runge-Kutta: conserves.
+    FluxForm,
+}
+
+/// See [`Methods::pressure`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "solver", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Pressure {
+    /// Exact to rounding: FFT in x and y, tridiagonal in z.
+    Direct {},
+    /// Jacobi's iteration.
+    Jacobi {
+        /// Sweeps a solve, 1 to 10000.
+        sweeps: u32,
+    },
+    /// Red-black successive over-relaxation.
+    RedBlackSor {
+        /// Sweeps a solve, 1 to 10000.
+        sweeps: u32,
+        /// Relaxation factor, 0.1 to 1.99; 1 is Gauss-Seidel.
+        relaxation: f64,
+    },
+    /// Multigrid V-cycles.
+    Multigrid {
+        /// Cycles a solve, 1 to 100.
+        cycles: u32,
+    },
 }
 
 /// The simulated box: periodic in x and y, rigid ground and lid.
@@ -202,7 +270,8 @@ pub struct Effects {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Flow {
-    /// Largest Courant number of a substep (sum over the three directions); 1.0 suits the third-order Runge-Kutta.
+    /// Largest Courant number of a substep (sum over the three directions); 1.0 suits the third-order Runge-Kutta, which allows 1.4;
+    /// the semi-Lagrangian methods allow 50.
     pub courant_max: f64,
 }
 

@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use crate::camera::Camera;
 use crate::error::ApiError;
-use crate::scene::{BaseState, Effects, Profile, ProfileLevel, SCENE_VERSION, Scene, Sun};
+use crate::scene::{BaseState, Effects, Methods, Pressure, Profile, ProfileLevel, SCENE_VERSION, Scene, Sun};
 use crate::wire::Command;
 
 mod structure;
@@ -101,6 +101,7 @@ pub fn validate(scene: &Scene, limits: &Limits) -> Result<(), ApiError> {
     range("/time/spin_up_s", scene.time.spin_up_s, 0.0, 1e6)?;
     base_state(&scene.base_state, limits)?;
     effects(&scene.effects, lid_m, limits)?;
+    methods(&scene.methods, scene.effects.flow.is_some())?;
     sun(&scene.sun, "/sun")?;
     camera(&scene.camera, "/camera")
 }
@@ -328,6 +329,22 @@ fn profile_levels(levels: &[ProfileLevel], limits: &Limits) -> Result<(), ApiErr
     Ok(())
 }
 
+/// Whether a method is there and allows the scene's Courant number, the server's catalogue knows.
+fn methods(methods: &Methods, flow: bool) -> Result<(), ApiError> {
+    needs("/methods/advection", methods.advection.is_some(), flow, "flow")?;
+    needs("/methods/pressure", methods.pressure.is_some(), flow, "flow")?;
+    let sweep_range = |sweeps: u32| range("/methods/pressure/sweeps", f64::from(sweeps), 1.0, 1e4);
+    match methods.pressure {
+        None | Some(Pressure::Direct {}) => Ok(()),
+        Some(Pressure::Jacobi { sweeps }) => sweep_range(sweeps),
+        Some(Pressure::RedBlackSor { sweeps, relaxation }) => {
+            sweep_range(sweeps)?;
+            range("/methods/pressure/relaxation", relaxation, 0.1, 1.99)
+        }
+        Some(Pressure::Multigrid { cycles }) => range("/methods/pressure/cycles", f64::from(cycles), 1.0, 100.0),
+    }
+}
+
 /// A number that does something only with another effect is refused without it: a knob that nothing reads misleads.
 fn needs(pointer: &str, wanted: bool, there: bool, need: &str) -> Result<(), ApiError> {
     if !wanted || there {
@@ -400,7 +417,7 @@ fn effect_needs(effects: &Effects) -> Result<(), ApiError> {
 fn effects(effects: &Effects, lid_m: f64, limits: &Limits) -> Result<(), ApiError> {
     effect_needs(effects)?;
     if let Some(flow) = &effects.flow {
-        range("/effects/flow/courant_max", flow.courant_max, 0.05, 1.4)?;
+        range("/effects/flow/courant_max", flow.courant_max, 0.05, 50.0)?;
     }
     if let Some(moisture) = &effects.moisture {
         range(

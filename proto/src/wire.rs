@@ -254,6 +254,10 @@ pub struct RenderRequest {
 pub struct PlanReport {
     /// The device that runs it.
     pub device: String,
+    /// The method chosen on each ladder, and why.
+    pub ladders: Vec<LadderReport>,
+    /// Largest Courant number of a substep; absent where nothing flows.
+    pub courant_max: Option<f64>,
     /// In the order in which they run.
     pub passes: Vec<PassReport>,
     /// What is allocated.
@@ -262,12 +266,29 @@ pub struct PlanReport {
     pub bytes: u64,
 }
 
+/// A ladder and the method chosen on it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct LadderReport {
+    /// The ladder's name: `advection`, `pressure`, `subgrid`, `microphysics`.
+    pub ladder: String,
+    /// The chosen rung.
+    pub rung: String,
+    /// Who chose it.
+    pub why: String,
+    /// What it does.
+    pub what: String,
+    /// What it keeps, and what not.
+    pub keeps: String,
+    /// All rungs of the ladder that this build has, cheapest first.
+    pub rungs: Vec<String>,
+}
+
 /// A pass of the plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PassReport {
     /// The stage's name in the catalogue.
     pub stage: String,
-    /// When in a tick it runs: `start`, `step`, `stage` (three times a substep), `end`, `publish`, `view`.
+    /// When in a tick it runs: `start`, `step`, `stage` (three times a substep, or once: as the advection's method asks), `end`, `publish`, `view`.
     pub phase: String,
     /// Which effect or output asks for it.
     pub why: String,

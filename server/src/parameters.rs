@@ -5,7 +5,7 @@ use welkin_proto::scene::Profile;
 use welkin_shaders::Grid;
 use welkin_shaders::constants::EARTH_ROTATION_PER_S;
 use welkin_shaders::cpu::sim::Parameters;
-use welkin_shaders::cpu::sim::parameters::{Coriolis, LargeScale, Surface, Turbulence};
+use welkin_shaders::cpu::sim::parameters::{Coriolis, LargeScale, Methods, Surface, Turbulence};
 
 use crate::base_state::BaseState;
 
@@ -28,8 +28,8 @@ pub fn interpolate(profile: &Profile, height_m: f64) -> f64 {
     }
 }
 
-/// All parameters of the scene's passes.
-pub fn parameters(scene: &Scene, base: &BaseState) -> Parameters {
+/// All parameters of the scene's passes, which run the chosen methods.
+pub fn parameters(scene: &Scene, base: &BaseState, methods: Methods) -> Parameters {
     let grid = grid(scene);
     let levels = grid.cells[2];
     let single = |values: &[f64]| values.iter().map(|&v| v as f32).collect::<Vec<f32>>();
@@ -95,6 +95,7 @@ pub fn parameters(scene: &Scene, base: &BaseState) -> Parameters {
             ]
         }),
         droplet_number_per_m3: effects.moisture.as_ref().map_or(1e8, |m| m.droplet_number_per_m3) as f32,
+        methods,
         base_wind_x_m_s: wind[0].clone(),
         base_wind_y_m_s: wind[1].clone(),
     }

@@ -1,14 +1,18 @@
 //! From a scene's effects to what runs: which passes, which fields, and why.
 
-use welkin_proto::Scene;
 use welkin_proto::scene::Effects;
+use welkin_proto::{ApiError, Scene};
 use welkin_shaders::catalogue::{Effect, Field, Pass, Phase};
+
+use crate::methods::{self, Chosen};
 
 /// What a world runs and holds.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// The effects that the scene names.
     pub effects: Vec<Effect>,
+    /// The rung of each ladder.
+    pub chosen: Chosen,
     /// Passes in catalogue order.
     pub passes: Vec<Pass>,
     /// Fields that are allocated, in catalogue order.
@@ -37,13 +41,15 @@ pub fn effects(effects: &Effects) -> Vec<Effect> {
 }
 
 impl Plan {
-    /// Selects from the catalogue what the scene's effects need.
-    pub fn new(scene: &Scene) -> Self {
+    /// Selects from the catalogue what the scene's effects need, by the methods that it chose. Errors: those of [`methods::choose`].
+    pub fn new(scene: &Scene) -> Result<Self, ApiError> {
+        let chosen = methods::choose(scene)?;
         let effects = effects(&scene.effects);
         let has = |e: &Effect| effects.contains(e);
         let wanted = |pass: &Pass| {
             let info = pass.info();
-            info.needs.iter().all(has) && !info.unless.as_ref().is_some_and(has)
+            let chosen = info.rungs.is_empty() || chosen.choices.iter().any(|c| info.rungs.contains(&c.rung));
+            chosen && info.needs.iter().all(has) && !info.unless.as_ref().is_some_and(has)
         };
         let slow = Pass::SlowClear.info().writes;
         let mut passes: Vec<Pass> = Pass::ALL.iter().copied().filter(wanted).collect();
@@ -56,13 +62,20 @@ impl Plan {
             .iter()
             .copied()
             .filter(|f| has(&f.effect()))
-            .filter(|f| f.is_state() || f.is_start() || passes.iter().any(|p| p.info().writes.contains(f)))
+            .filter(|f| {
+                let touched = |p: &Pass| {
+                    let info = p.info();
+                    info.writes.contains(f) || (f.is_start() && info.reads.contains(f))
+                };
+                f.is_state() || passes.iter().any(touched)
+            })
             .collect();
-        Self {
+        Ok(Self {
             effects,
+            chosen,
             passes,
             fields,
-        }
+        })
     }
 
     /// The passes of one phase.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use welkin_proto::scene::Sun;
-use welkin_proto::wire::{FieldReport, Numbers, PassReport, PlanReport};
+use welkin_proto::wire::{FieldReport, LadderReport, Numbers, PassReport, PlanReport};
 use welkin_proto::{ApiError, Scene};
 use welkin_shaders::catalogue::{Field, Pass, Phase, VIEW_STAGES};
 use welkin_shaders::constants::GRAVITY_M_S2;
@@ -66,13 +66,13 @@ pub struct Snapshot {
 impl World {
     /// Builds the world of a validated scene: base state, plan, fields, initial state.
     ///
-    /// `threads` bounds the threads that compute; none takes one a core. Errors: those of the base state; `bad_time`;
+    /// `threads` bounds the threads that compute; none takes one a core. Errors: those of [`Plan::new`] and of the base state; `bad_time`;
     /// `internal` where no threads can be started.
     pub fn new(scene: Scene, threads: Option<usize>) -> Result<Self, ApiError> {
+        let plan = Plan::new(&scene)?;
         let base = base_state::build(&scene)?;
         let start_unix_s = welkin_proto::time::parse_utc(&scene.time.start_utc)?;
-        let plan = Plan::new(&scene);
-        let parameters = parameters::parameters(&scene, &base);
+        let parameters = parameters::parameters(&scene, &base, plan.chosen.methods.clone());
         let mut device: Box<dyn Device> = Box::new(Cpu::new(parameters.clone(), &plan.fields));
         initial::write(&scene, &base, &parameters, device.as_mut());
         // Threads of its own, so that a tick and a picture share the cores by the system's clock and not task by task.
@@ -233,7 +233,7 @@ impl World {
 
     /// The longest substep that is stable for the present state, s.
     fn substep_max_s(&self) -> f64 {
-        let courant_max = self.scene.effects.flow.as_ref().map_or(1.0, |f| f.courant_max);
+        let courant_max = self.plan.chosen.courant_max.unwrap_or(1.0);
         let by_speed = courant_max / (self.reductions.courant_rate_per_s as f64).max(1e-9);
         let by_buoyancy = BUOYANCY_PHASE_MAX / self.buoyancy_frequency_per_s.max(1e-9);
         let by_mixing = self.parameters.turbulence.as_ref().map_or(f64::INFINITY, |t| {
@@ -265,9 +265,15 @@ impl World {
     }
 
     fn substep(&mut self, substep_s: f32) {
-        self.run_phase(0, &Substep { substep_s, stage: 0 });
-        for stage in 0..3 {
-            self.run_phase(1, &Substep { substep_s, stage });
+        let stages = self.parameters.methods.stages();
+        let part = |stage| Substep {
+            substep_s,
+            stage,
+            stages,
+        };
+        self.run_phase(0, &part(0));
+        for stage in 0..stages {
+            self.run_phase(1, &part(stage));
             self.device.accept(stage);
         }
         self.reductions = self.device.reduce();
@@ -285,10 +291,14 @@ impl World {
         }
         let whole = Substep {
             substep_s: 1.0,
-            stage: 2,
+            stage: 0,
+            stages: 1,
         };
-        self.device.run(Pass::PressureSolve, &whole);
-        self.device.run(Pass::Project, &whole);
+        for pass in self.plan.phase(Phase::Stage) {
+            if pass == Pass::Project || pass.info().writes.contains(&Field::Pressure) {
+                self.device.run(pass, &whole);
+            }
+        }
         for (state, next) in [
             (Field::VelocityX, Field::NextVelocityX),
             (Field::VelocityY, Field::NextVelocityY),
@@ -306,6 +316,7 @@ impl World {
             &Substep {
                 substep_s: 0.0,
                 stage: 0,
+                stages: 1,
             },
         );
         self.cloud = self.device.reduce_cloud();
@@ -406,6 +417,23 @@ impl World {
                 .map(|f| f.name().to_owned())
                 .collect()
         };
+        let chosen = &self.plan.chosen;
+        let ladders = chosen.choices.iter().map(|choice| {
+            let info = choice.rung.info();
+            LadderReport {
+                ladder: info.ladder.name().to_owned(),
+                rung: info.name.to_owned(),
+                why: choice.why.clone(),
+                what: info.what.to_owned(),
+                keeps: info.keeps.to_owned(),
+                rungs: info
+                    .ladder
+                    .rungs()
+                    .filter(|r| r.is_there())
+                    .map(|r| r.info().name.to_owned())
+                    .collect(),
+            }
+        });
         let mut passes: Vec<PassReport> = self
             .plan
             .passes
@@ -413,7 +441,11 @@ impl World {
             .map(|pass| {
                 let info = pass.info();
                 let timing = self.timings[*pass as usize];
-                let why = info.needs.iter().map(|e| e.name()).collect::<Vec<_>>().join(" + ");
+                let mut why = info.needs.iter().map(|e| e.name()).collect::<Vec<_>>().join(" + ");
+                for choice in chosen.choices.iter().filter(|c| info.rungs.contains(&c.rung)) {
+                    let rung = choice.rung.info();
+                    why += &format!(", {} {}", rung.ladder.name(), rung.name);
+                }
                 PassReport {
                     stage: info.name.to_owned(),
                     phase: info.phase.name().to_owned(),
@@ -469,6 +501,8 @@ impl World {
         let bytes = fields.iter().map(|f| f.bytes).sum();
         PlanReport {
             device: self.device.name(),
+            ladders: ladders.collect(),
+            courant_max: chosen.courant_max,
             passes,
             fields,
             bytes,

@@ -176,12 +176,163 @@ impl Effect {
     }
 }
 
+/// A family of methods for one job, of which a world runs exactly one: its rung.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Ladder {
+    /// How the wind carries itself, heat and water.
+    Advection,
+    /// How the mass flux is freed of divergence.
+    Pressure,
+    /// What stands for eddies smaller than a cell.
+    Subgrid,
+    /// What water does beside being carried.
+    Microphysics,
+}
+
+impl Ladder {
+    /// All ladders.
+    pub const ALL: &'static [Ladder] = &[
+        Ladder::Advection,
+        Ladder::Pressure,
+        Ladder::Subgrid,
+        Ladder::Microphysics,
+    ];
+
+    /// The name in scenes and plans.
+    pub fn name(self) -> &'static str {
+        match self {
+            Ladder::Advection => "advection",
+            Ladder::Pressure => "pressure",
+            Ladder::Subgrid => "subgrid",
+            Ladder::Microphysics => "microphysics",
+        }
+    }
+
+    /// Its rungs, cheapest first.
+    pub fn rungs(self) -> impl Iterator<Item = Rung> {
+        Rung::ALL.iter().copied().filter(move |r| r.info().ladder == self)
+    }
+}
+
+/// Where a rung is there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Devices {
+    /// On the CPU and on the GPU.
+    Both,
+    /// On the CPU alone, and why.
+    CpuOnly(&'static str),
+}
+
+/// How a rung of the advection ladder goes through a substep.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Advance {
+    /// Largest Courant number (sum over the three directions) at which it is claimed, and tested, to be stable.
+    pub courant_max: f64,
+    /// Stages of a substep: 3 for Runge-Kutta, 1 where one stage spans the whole substep.
+    pub stages: usize,
+}
+
+/// Everything the catalogue knows of a rung.
+#[derive(Debug)]
+pub struct RungInfo {
+    /// Its ladder.
+    pub ladder: Ladder,
+    /// Its name in scenes and plans.
+    pub name: &'static str,
+    /// One line: what it does.
+    pub what: &'static str,
+    /// What it keeps, and what it does not.
+    pub keeps: &'static str,
+    /// Where it is there.
+    pub devices: Devices,
+    /// How it goes through a substep; for advection only.
+    pub advance: Option<Advance>,
+}
+
+macro_rules! rungs {
+    ($($id:ident $ladder:ident $name:literal $devices:expr, $advance:expr, $what:literal keeps $keeps:literal;)*) => {
+        /// A method on a ladder; each ladder's stand in order, cheapest first.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        pub enum Rung { $(#[doc = $what] $id),* }
+        impl Rung {
+            /// All rungs of all ladders.
+            pub const ALL: &'static [Rung] = &[$(Rung::$id),*];
+            /// What the catalogue knows of it.
+            pub fn info(self) -> &'static RungInfo {
+                match self { $(Rung::$id => {
+                    const INFO: RungInfo = RungInfo {
+                        ladder: Ladder::$ladder, name: $name, what: $what, keeps: $keeps, devices: $devices, advance: $advance,
+                    };
+                    &INFO
+                }),* }
+            }
+        }
+    };
+}
+
+const NO_SHADER: Devices = Devices::CpuOnly("its shaders are not written yet");
+/// One stage spans a substep of any length that trajectories can follow.
+const SEMI_LAGRANGIAN: Option<Advance> = Some(Advance {
+    courant_max: 50.0,
+    stages: 1,
+});
+
+rungs! {
+    SemiLagrangianLinear Advection "semi_lagrangian_linear" NO_SHADER, SEMI_LAGRANGIAN,
+        "looks back along the wind, interpolates linearly"
+        keeps "extrema; not sums, and it smears what is a few cells wide";
+    MacCormack Advection "mac_cormack" NO_SHADER, SEMI_LAGRANGIAN,
+        "semi-Lagrangian there and back, corrected by half the difference, limited"
+        keeps "extrema; not sums";
+    SemiLagrangianCubic Advection "semi_lagrangian_cubic" NO_SHADER, SEMI_LAGRANGIAN,
+        "looks back along the wind, interpolates by cubics, limited"
+        keeps "extrema; not sums";
+    FluxForm Advection "flux_form" NO_SHADER, Some(Advance { courant_max: 1.4, stages: 3 }),
+        "fluxes through faces, fifth order and WENO5, three-stage Runge-Kutta"
+        keeps "mass-weighted sums of heat and water to rounding; extrema nearly";
+    Jacobi Pressure "jacobi" NO_SHADER, None,
+        "sweeps that each take the mean of the neighbours"
+        keeps "some divergence, the more the fewer sweeps";
+    RedBlackSor Pressure "red_black_sor" NO_SHADER, None,
+        "sweeps over the two colours of a chessboard, over-relaxed"
+        keeps "some divergence, less than Jacobi at the same cost";
+    Multigrid Pressure "multigrid" NO_SHADER, None,
+        "V-cycles over ever coarser grids"
+        keeps "little divergence, by a fixed factor less a cycle";
+    Direct Pressure "direct" NO_SHADER, None,
+        "FFT in x and y, tridiagonal in z"
+        keeps "no divergence but rounding";
+    NoSubgrid Subgrid "none" Devices::Both, None,
+        "nothing mixes but what the grid resolves"
+        keeps "all";
+    ConstantViscosity Subgrid "constant_viscosity" NO_SHADER, None,
+        "one viscosity and one diffusivity everywhere"
+        keeps "sums of momentum, heat and water";
+    SmagorinskyLilly Subgrid "smagorinsky_lilly" NO_SHADER, None,
+        "viscosity from strain and stability"
+        keeps "sums of momentum, heat and water";
+    NoMicrophysics Microphysics "none" Devices::Both, None,
+        "no water"
+        keeps "all";
+    SaturationAdjustment Microphysics "saturation_adjustment" NO_SHADER, None,
+        "what is above saturation is cloud"
+        keeps "water and energy";
+}
+
+impl Rung {
+    /// Whether it is written: some pass belongs to it, or it is a ladder's `none`.
+    pub fn is_there(self) -> bool {
+        matches!(self, Rung::NoSubgrid | Rung::NoMicrophysics)
+            || Pass::ALL.iter().any(|p| p.info().rungs.contains(&self))
+    }
+}
+
 /// When a pass runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
     /// Once a substep, before its Runge-Kutta stages.
     Step,
-    /// In each of a substep's three Runge-Kutta stages.
+    /// In each of a substep's stages: three of Runge-Kutta, or one that spans the substep.
     Stage,
     /// Once a tick, at its end: for the snapshot.
     Publish,
@@ -209,6 +360,8 @@ pub struct PassInfo {
     pub needs: &'static [Effect],
     /// An effect that must be absent: with it another pass does the same work and more.
     pub unless: Option<Effect>,
+    /// The rungs it belongs to, one of which must be chosen; none: it runs whatever is chosen.
+    pub rungs: &'static [Rung],
     /// Fields it reads; those that the plan doesn't allocate are skipped.
     pub reads: &'static [Field],
     /// Fields it writes.
@@ -218,7 +371,7 @@ pub struct PassInfo {
 }
 
 macro_rules! passes {
-    ($($id:ident $name:literal $phase:ident needs [$($need:ident),*] unless $unless:expr, reads [$($read:ident),*] writes [$($write:ident),*] $what:literal;)*) => {
+    ($($id:ident $name:literal $phase:ident needs [$($need:ident),*] unless $unless:expr, $(rungs [$($rung:ident),*],)? reads [$($read:ident),*] writes [$($write:ident),*] $what:literal;)*) => {
         /// A pass: a stage applied to named fields, in the order in which passes run.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
         pub enum Pass { $(#[doc = $what] $id),* }
@@ -230,6 +383,7 @@ macro_rules! passes {
                 match self { $(Pass::$id => {
                     const INFO: PassInfo = PassInfo {
                         name: $name, phase: Phase::$phase, needs: &[$(Effect::$need),*], unless: $unless,
+                        rungs: &[$($(Rung::$rung),*)?],
                         reads: &[$(Field::$read),*], writes: &[$(Field::$write),*], what: $what,
                     };
                     &INFO
@@ -242,17 +396,17 @@ macro_rules! passes {
 passes! {
     SlowClear "slow_clear" Step needs [Flow] unless None,
         reads [] writes [SlowVelocityX, SlowVelocityY, SlowVelocityZ, SlowHeat, SlowWater] "sets the tendencies that are held over a substep to 0";
-    StepSaturation "saturation_adjustment:step" Step needs [Turbulence, Moisture] unless None,
+    StepSaturation "saturation_adjustment:step" Step needs [Turbulence, Moisture] unless None, rungs [SmagorinskyLilly],
         reads [Heat, Water] writes [Buoyancy, CloudWater] "cloud water and buoyancy for the eddy viscosity's stability";
-    StepDryBuoyancy "dry_buoyancy:step" Step needs [Turbulence, Heat] unless Some(Effect::Moisture),
+    StepDryBuoyancy "dry_buoyancy:step" Step needs [Turbulence, Heat] unless Some(Effect::Moisture), rungs [SmagorinskyLilly],
         reads [Heat] writes [Buoyancy] "buoyancy for the eddy viscosity's stability";
-    EddyViscosity "eddy_viscosity" Step needs [Turbulence] unless None,
+    EddyViscosity "eddy_viscosity" Step needs [Turbulence] unless None, rungs [SmagorinskyLilly],
         reads [VelocityX, VelocityY, VelocityZ, Buoyancy] writes [EddyViscosity] "Smagorinsky-Lilly viscosity from strain and stability";
-    DiffuseMomentum "diffuse_momentum" Step needs [Turbulence] unless None,
+    DiffuseMomentum "diffuse_momentum" Step needs [Turbulence] unless None, rungs [SmagorinskyLilly],
         reads [VelocityX, VelocityY, VelocityZ, EddyViscosity] writes [SlowVelocityX, SlowVelocityY, SlowVelocityZ] "mixing of momentum by eddies smaller than a cell";
-    DiffuseHeat "diffuse_scalar:heat" Step needs [Turbulence, Heat] unless None,
+    DiffuseHeat "diffuse_scalar:heat" Step needs [Turbulence, Heat] unless None, rungs [SmagorinskyLilly],
         reads [Heat, EddyViscosity] writes [SlowHeat] "mixing of heat by eddies smaller than a cell";
-    DiffuseWater "diffuse_scalar:water" Step needs [Turbulence, Moisture] unless None,
+    DiffuseWater "diffuse_scalar:water" Step needs [Turbulence, Moisture] unless None, rungs [SmagorinskyLilly],
         reads [Water, EddyViscosity] writes [SlowWater] "mixing of water by eddies smaller than a cell";
     SurfaceFlux "surface_flux" Step needs [Surface] unless None,
         reads [VelocityX, VelocityY] writes [SlowVelocityX, SlowVelocityY, SlowHeat, SlowWater] "heat and moisture from the ground, and its drag, into the lowest level";
@@ -266,22 +420,22 @@ passes! {
         reads [VelocityX, VelocityY] writes [SlowVelocityX, SlowVelocityY] "subsidence of momentum";
     Sponge "sponge" Step needs [Sponge] unless None,
         reads [VelocityX, VelocityY, VelocityZ, Heat] writes [SlowVelocityX, SlowVelocityY, SlowVelocityZ, SlowHeat] "damps waves under the lid";
-    Saturation "saturation_adjustment" Stage needs [Moisture] unless None,
+    Saturation "saturation_adjustment" Stage needs [Moisture] unless None, rungs [SaturationAdjustment],
         reads [Heat, Water] writes [Buoyancy, CloudWater] "condenses what is above saturation; buoyancy from virtual potential temperature with loading";
     DryBuoyancy "dry_buoyancy" Stage needs [Heat] unless Some(Effect::Moisture),
         reads [Heat] writes [Buoyancy] "buoyancy from potential temperature";
-    AdvectHeat "advect_scalar:heat" Stage needs [Heat] unless None,
+    AdvectHeat "advect_scalar:heat" Stage needs [Heat] unless None, rungs [FluxForm],
         reads [VelocityX, VelocityY, VelocityZ, Heat, StartHeat, SlowHeat] writes [NextHeat] "carries heat, flux form, WENO5";
-    AdvectWater "advect_scalar:water" Stage needs [Moisture] unless None,
+    AdvectWater "advect_scalar:water" Stage needs [Moisture] unless None, rungs [FluxForm],
         reads [VelocityX, VelocityY, VelocityZ, Water, StartWater, SlowWater] writes [NextWater] "carries water, flux form, WENO5";
-    AdvectMomentum "advect_momentum" Stage needs [Flow] unless None,
+    AdvectMomentum "advect_momentum" Stage needs [Flow] unless None, rungs [FluxForm],
         reads [VelocityX, VelocityY, VelocityZ, StartVelocityX, StartVelocityY, StartVelocityZ, SlowVelocityX, SlowVelocityY, SlowVelocityZ, Buoyancy]
         writes [NextVelocityX, NextVelocityY, NextVelocityZ] "carries momentum, flux form, fifth-order upwind, and adds buoyancy";
-    PressureSolve "pressure_solve" Stage needs [Flow] unless None,
+    PressureSolve "pressure_solve" Stage needs [Flow] unless None, rungs [Direct],
         reads [NextVelocityX, NextVelocityY, NextVelocityZ] writes [Pressure] "the pressure that frees the mass flux of divergence: FFT in x, y and tridiagonal in z";
     Project "project" Stage needs [Flow] unless None,
         reads [Pressure] writes [NextVelocityX, NextVelocityY, NextVelocityZ] "subtracts the pressure gradient; the stage's result becomes the state";
-    PublishSaturation "saturation_adjustment:publish" Publish needs [Moisture] unless None,
+    PublishSaturation "saturation_adjustment:publish" Publish needs [Moisture] unless None, rungs [SaturationAdjustment],
         reads [Heat, Water] writes [Buoyancy, CloudWater] "cloud water of the tick's last state";
     CloudExtinction "cloud_extinction" Publish needs [Moisture] unless None,
         reads [CloudWater] writes [Extinction] "what light meets: extinction from cloud water and droplet number";

@@ -8,15 +8,21 @@ use crate::cpu::sim::Parameters;
 pub struct Substep {
     /// Length of the whole substep, s.
     pub substep_s: f32,
-    /// Which Runge-Kutta stage, 0 to 2.
+    /// Which stage, from 0.
     pub stage: usize,
+    /// How many stages a substep has: 3 (Runge-Kutta) or 1 (semi-Lagrangian).
+    pub stages: usize,
 }
 
 impl Substep {
-    /// Time from the substep's start to this stage's result, s: a third, a half, the whole
-    /// (three-stage Runge-Kutta after Wicker and Skamarock 2002).
+    /// Time from the substep's start to this stage's result, s: of three a third, a half, the whole
+    /// (three-stage Runge-Kutta after Wicker and Skamarock 2002), of one the whole.
     pub fn stage_s(&self) -> f32 {
-        self.substep_s * [1.0 / 3.0, 0.5, 1.0][self.stage]
+        if self.stages == 3 {
+            self.substep_s * [1.0 / 3.0, 0.5, 1.0][self.stage]
+        } else {
+            self.substep_s
+        }
     }
 }
 
@@ -60,7 +66,7 @@ pub trait Device: Send {
     fn name(&self) -> String;
     /// Runs one pass.
     fn run(&mut self, pass: Pass, substep: &Substep);
-    /// Makes a Runge-Kutta stage's result the state. In stage 0 the old state becomes the substep's start.
+    /// Makes a stage's result the state. In stage 0 the old state becomes the substep's start.
     fn accept(&mut self, stage: usize);
     /// Reductions over the state.
     fn reduce(&mut self) -> Reductions;

@@ -52,6 +52,7 @@ fn plain(grid: Grid) -> Parameters {
         large_scale: None,
         sponge: None,
         droplet_number_per_m3: 1e8,
+        methods: Default::default(),
     }
 }
 

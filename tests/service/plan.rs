@@ -1,9 +1,11 @@
 //! A scene pays only for the effects that it names: passes and bytes are counted with and without each.
 
+use welkin_proto::scene::{Accuracy, Advection, Pressure};
 use welkin_proto::{Scene, presets};
+use welkin_server::methods;
 use welkin_server::plan::Plan;
 use welkin_server::world::World;
-use welkin_shaders::catalogue::{Effect, Field, Pass};
+use welkin_shaders::catalogue::{Effect, Field, Ladder, Pass, Phase, Rung};
 
 fn cumulus() -> Scene {
     let mut scene = presets::find("fair-weather-cumulus").expect("a preset");
@@ -44,11 +46,11 @@ fn a_clear_sky_with_wind_runs_no_thermodynamics() {
 
 #[test]
 fn each_effect_adds_what_it_needs_and_nothing_else() {
-    let whole = Plan::new(&cumulus());
+    let whole = Plan::new(&cumulus()).expect("a plan");
     let without = |remove: &dyn Fn(&mut Scene)| {
         let mut scene = cumulus();
         remove(&mut scene);
-        Plan::new(&scene)
+        Plan::new(&scene).expect("a plan")
     };
     let gone = |plan: &Plan| {
         whole
@@ -96,7 +98,7 @@ fn each_effect_adds_what_it_needs_and_nothing_else() {
 #[test]
 fn every_planned_field_is_touched_and_every_touched_field_planned() {
     for preset in presets::all() {
-        let plan = Plan::new(&presets::find(preset.name).expect("a preset"));
+        let plan = Plan::new(&presets::find(preset.name).expect("a preset")).expect("a plan");
         for field in &plan.fields {
             assert!(
                 plan.passes
@@ -146,4 +148,144 @@ fn the_report_says_what_was_run_and_what_it_cost() {
     let all = names(&world);
     let fewer = names(&World::new(plain, None).expect("a world"));
     assert!(fewer.len() < all.len(), "no stage of the view depends on cloud_detail");
+}
+
+#[test]
+fn a_plan_runs_one_rung_of_each_ladder_and_says_why() {
+    let world = World::new(cumulus(), None).expect("a world");
+    let report = world.plan_report();
+    let said: Vec<_> = report
+        .ladders
+        .iter()
+        .map(|l| (l.ladder.as_str(), l.rung.as_str(), l.why.as_str()))
+        .collect();
+    assert_eq!(
+        said,
+        [
+            ("advection", "flux_form", "accuracy balanced"),
+            ("pressure", "direct", "accuracy balanced"),
+            ("subgrid", "smagorinsky_lilly", "effect turbulence"),
+            ("microphysics", "saturation_adjustment", "effect moisture"),
+        ]
+    );
+    assert_eq!(report.courant_max, Some(1.0));
+    // The reference is the same in substeps half as long.
+    let mut scene = cumulus();
+    scene.accuracy = Accuracy::Reference;
+    assert_eq!(
+        World::new(scene, None).expect("a world").plan_report().courant_max,
+        Some(0.5)
+    );
+    // Without a flow there is nothing to carry and no pressure.
+    let mut scene = cumulus();
+    scene.effects = Default::default();
+    let chosen = Plan::new(&scene).expect("a plan").chosen;
+    assert_eq!(chosen.courant_max, None);
+    assert_eq!(
+        chosen.choices.iter().map(|c| c.rung).collect::<Vec<_>>(),
+        [Rung::NoSubgrid, Rung::NoMicrophysics]
+    );
+}
+
+fn all_advections() -> [Advection; 4] {
+    [
+        Advection::SemiLagrangianLinear,
+        Advection::MacCormack,
+        Advection::SemiLagrangianCubic,
+        Advection::FluxForm,
+    ]
+}
+
+#[test]
+fn a_named_method_is_run_or_refused() {
+    let name = |value: serde_json::Value| value.as_str().map(str::to_owned).expect("a name");
+    for advection in all_advections() {
+        let mut scene = cumulus();
+        scene.methods.advection = Some(advection);
+        let wanted = name(serde_json::to_value(advection).expect("JSON"));
+        let rung = Ladder::Advection
+            .rungs()
+            .find(|r| r.info().name == wanted)
+            .unwrap_or_else(|| panic!("{wanted} is not on the ladder"));
+        match Plan::new(&scene) {
+            Ok(plan) => {
+                assert!(rung.is_there());
+                assert_eq!(plan.chosen.choices[0].rung, rung);
+                // Each quantity is carried once, and the wind is projected after.
+                for field in [Field::NextHeat, Field::NextWater, Field::NextVelocityZ] {
+                    let writers = plan
+                        .phase(Phase::Stage)
+                        .into_iter()
+                        .filter(|p| p.info().writes.contains(&field) && *p != Pass::Project);
+                    assert_eq!(writers.count(), 1, "{wanted}: {}", field.name());
+                }
+                assert_eq!(
+                    plan.passes.contains(&Pass::AdvectHeat),
+                    advection == Advection::FluxForm
+                );
+            }
+            Err(error) => {
+                assert!(!rung.is_there(), "{error}");
+                assert_eq!(error.code, "method_unavailable");
+                assert_eq!(error.pointer.as_deref(), Some("/methods/advection"));
+                assert!(
+                    error.message.contains(&wanted) && error.message.contains("flux_form"),
+                    "{error}"
+                );
+            }
+        }
+    }
+    for pressure in [
+        Pressure::Direct {},
+        Pressure::Jacobi { sweeps: 40 },
+        Pressure::RedBlackSor {
+            sweeps: 20,
+            relaxation: 1.7,
+        },
+        Pressure::Multigrid { cycles: 4 },
+    ] {
+        let wanted = name(serde_json::to_value(&pressure).expect("JSON")["solver"].clone());
+        let mut scene = cumulus();
+        scene.methods.pressure = Some(pressure);
+        match Plan::new(&scene) {
+            Ok(plan) => {
+                assert_eq!(plan.chosen.choices[1].rung.info().name, wanted);
+                let solvers = plan
+                    .passes
+                    .iter()
+                    .filter(|p| p.info().writes.contains(&Field::Pressure));
+                assert_eq!(solvers.count(), 1, "{wanted}");
+            }
+            Err(error) => {
+                assert_eq!(error.code, "method_unavailable");
+                assert_eq!(error.pointer.as_deref(), Some("/methods/pressure/solver"));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_courant_number_above_what_the_method_bears_is_refused() {
+    for advection in all_advections() {
+        let mut scene = cumulus();
+        scene.methods.advection = Some(advection);
+        let Ok(plan) = Plan::new(&scene) else { continue };
+        let limit = plan
+            .chosen
+            .methods
+            .advection
+            .info()
+            .advance
+            .expect("advection")
+            .courant_max;
+        let mut with = |courant_max: f64| {
+            scene.effects.flow.as_mut().expect("flow").courant_max = courant_max;
+            methods::choose(&scene)
+        };
+        assert_eq!(with(limit).expect("at the limit").courant_max, Some(limit));
+        let error = with(limit + 0.1).expect_err("above the limit");
+        assert_eq!(error.code, "method_limit");
+        assert_eq!(error.pointer.as_deref(), Some("/effects/flow/courant_max"));
+        assert!(error.message.contains(&limit.to_string()), "{error}");
+    }
 }

@@ -138,7 +138,7 @@ fn every_number_has_a_range() {
             json!(151.0),
             "-150 to 150",
         ),
-        ("/effects/flow/courant_max", json!(0.0), json!(2.0), "0.05 to 1.4"),
+        ("/effects/flow/courant_max", json!(0.0), json!(50.1), "0.05 to 50"),
         (
             "/effects/moisture/droplet_number_per_m3",
             json!(0.0),
@@ -611,4 +611,88 @@ fn commands_have_ranges() {
         );
     }
     validate::command(&Command::Pause {}).expect("nothing to refuse");
+}
+
+#[test]
+fn methods_are_read_and_judged() {
+    let with = |methods: Value| {
+        let mut scene = full();
+        scene["methods"] = methods;
+        scene
+    };
+    let good = with(
+        json!({ "advection": "flux_form", "pressure": { "solver": "red_black_sor", "sweeps": 20, "relaxation": 1.7 } }),
+    );
+    parse_scene(&good.to_string(), &Limits::default()).expect("good methods");
+    for (methods, code, pointer, part) in [
+        (
+            json!({ "advection": "upwind" }),
+            "bad_scene",
+            "/methods/advection",
+            "semi_lagrangian_linear",
+        ),
+        (
+            json!({ "viscosity": 1 }),
+            "bad_scene",
+            "/methods/viscosity",
+            "unknown field",
+        ),
+        (
+            json!({ "pressure": { "solver": "jacobi" } }),
+            "bad_scene",
+            "/methods/pressure",
+            "`sweeps`",
+        ),
+        (
+            json!({ "pressure": { "solver": "cg" } }),
+            "bad_scene",
+            "/methods/pressure/solver",
+            "`multigrid`",
+        ),
+        (
+            json!({ "pressure": { "solver": "direct", "sweeps": 3 } }),
+            "bad_scene",
+            "/methods/pressure/sweeps",
+            "unknown field",
+        ),
+        (
+            json!({ "pressure": { "solver": "jacobi", "sweeps": 0 } }),
+            "out_of_range",
+            "/methods/pressure/sweeps",
+            "1 to 10000",
+        ),
+        (
+            json!({ "pressure": { "solver": "red_black_sor", "sweeps": 10_001, "relaxation": 1.7 } }),
+            "out_of_range",
+            "/methods/pressure/sweeps",
+            "1 to 10000",
+        ),
+        (
+            json!({ "pressure": { "solver": "red_black_sor", "sweeps": 20, "relaxation": 2.0 } }),
+            "out_of_range",
+            "/methods/pressure/relaxation",
+            "0.1 to 1.99",
+        ),
+        (
+            json!({ "pressure": { "solver": "multigrid", "cycles": 101 } }),
+            "out_of_range",
+            "/methods/pressure/cycles",
+            "1 to 100",
+        ),
+    ] {
+        check(&with(methods), code, pointer, part);
+    }
+    let mut scene = full();
+    scene["accuracy"] = json!("best");
+    check(&scene, "bad_scene", "/accuracy", "fast");
+    // A method of what the scene does not have is refused like any knob that nothing reads.
+    let mut still = full();
+    still["effects"] = json!({});
+    for (methods, pointer) in [
+        (json!({ "advection": "flux_form" }), "/methods/advection"),
+        (json!({ "pressure": { "solver": "direct" } }), "/methods/pressure"),
+    ] {
+        still["methods"] = methods;
+        check(&still, "effect_needs", pointer, "`flow`");
+    }
 }

@@ -167,6 +167,15 @@ impl<'a> Walk<'a> {
             };
             return self.value(value, variants[place], pointer);
         }
+        // Plain names, one variant each: say all of them.
+        let names_of: Vec<&Value> = variants.iter().filter_map(|variant| variant.get("const")).collect();
+        if names_of.len() == variants.len() {
+            if names_of.contains(&value) {
+                return Ok(());
+            }
+            let list = names_of.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+            return Err(self.refuse(pointer, format!("must be one of {list}, not {}", shown(value))));
+        }
         let mut last = None;
         let before = pointer.len();
         for variant in variants {

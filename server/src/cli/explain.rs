@@ -52,6 +52,21 @@ fn table(world: &World, plan: &PlanReport) -> String {
     let scene = world.scene();
     let [x, y, z] = scene.domain.cells;
     let mut text = format!("{}: {x} x {y} x {z} cells on {}\n\n", scene.name, plan.device);
+    let head = ["LADDER", "RUNG", "BECAUSE OF", "WHAT IT DOES", "KEEPS"].map(str::to_owned);
+    let ladders = plan.ladders.iter().map(|ladder| {
+        [
+            ladder.ladder.clone(),
+            ladder.rung.clone(),
+            ladder.why.clone(),
+            ladder.what.clone(),
+            ladder.keeps.clone(),
+        ]
+    });
+    text += &columns(std::iter::once(head).chain(ladders).collect(), [false; 5]);
+    if let Some(courant_max) = plan.courant_max {
+        text += &format!("A substep's Courant number is {courant_max} at most.\n");
+    }
+    text += "\n";
     let head = ["PASS", "PHASE", "RUNS", "MEAN MS", "WHY"].map(str::to_owned);
     let passes = plan.passes.iter().map(|pass| {
         let mean_ms = pass.mean_ms.map_or_else(|| "-".to_owned(), |ms| format!("{ms:.3}"));

@@ -13,6 +13,7 @@ use super::error::Refusal;
 use super::state::AppState;
 use crate::host::Host;
 use crate::limits::Limits;
+use crate::methods;
 
 /// The world that the path names; `unknown_world`.
 pub struct WorldOf(pub Arc<Host>);
@@ -110,10 +111,12 @@ pub fn take_scene(document: &mut Value, limits: &Limits) -> Result<Scene, ApiErr
     let given = |v: Option<Value>| v.filter(|v| !v.is_null());
     match (given(fields.remove("preset")), given(fields.remove("scene"))) {
         (Some(Value::String(name)), None) => presets::find(&name).map_err(|error| error.at("/preset")),
-        (None, Some(scene)) => validate::parse_scene(&scene.to_string(), &limits.scene()).map_err(|error| {
-            let pointer = format!("/scene{}", error.pointer.as_deref().unwrap_or_default());
-            error.at(pointer)
-        }),
+        (None, Some(scene)) => validate::parse_scene(&scene.to_string(), &limits.scene())
+            .and_then(|scene| methods::choose(&scene).map(|_| scene))
+            .map_err(|error| {
+                let pointer = format!("/scene{}", error.pointer.as_deref().unwrap_or_default());
+                error.at(pointer)
+            }),
         (Some(Value::String(_)), Some(_)) | (None, None) => {
             Err(ApiError::new("bad_body", "give exactly one of `preset` and `scene`").at(""))
         }

@@ -261,7 +261,8 @@ impl Device for Cpu {
             (Field::Heat, Field::StartHeat, Field::NextHeat),
             (Field::Water, Field::StartWater, Field::NextWater),
         ] {
-            if stage == 0 {
+            // A method of one stage may not ask for the start: then the old state is overwritten by the next stage.
+            if stage == 0 && self.fields.planned(start).is_some() {
                 self.fields.swap(state, start);
             }
             self.fields.swap(state, next);

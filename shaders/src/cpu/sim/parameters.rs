@@ -1,5 +1,6 @@
 //! What the passes are told besides fields: the grid, the reference state and each effect's numbers.
 
+use crate::catalogue::Rung;
 use crate::grid::Grid;
 
 /// Everything constant over a run. Profiles have one value a level, at cell centres, unless said otherwise.
@@ -37,6 +38,70 @@ pub struct Parameters {
     pub sponge: Option<[Vec<f32>; 2]>,
     /// Droplets a cubic metre of cloud; sets extinction.
     pub droplet_number_per_m3: f32,
+    /// The chosen rungs and their numbers.
+    pub methods: Methods,
+}
+
+/// Which method does a job that several can do, with its numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Methods {
+    /// The rung of the advection ladder.
+    pub advection: Rung,
+    /// The rung of the pressure ladder.
+    pub pressure: PressureMethod,
+}
+
+impl Default for Methods {
+    /// Flux form and the direct solver.
+    fn default() -> Self {
+        Self {
+            advection: Rung::FluxForm,
+            pressure: PressureMethod::Direct,
+        }
+    }
+}
+
+impl Methods {
+    /// Stages of a substep.
+    pub fn stages(&self) -> usize {
+        self.advection.info().advance.map_or(1, |a| a.stages)
+    }
+}
+
+/// A pressure solver and its numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PressureMethod {
+    /// FFT and tridiagonal.
+    Direct,
+    /// Jacobi's iteration.
+    Jacobi {
+        /// Sweeps a solve.
+        sweeps: u32,
+    },
+    /// Red-black successive over-relaxation.
+    RedBlackSor {
+        /// Sweeps (both colours) a solve.
+        sweeps: u32,
+        /// Relaxation factor, above 0 and below 2.
+        relaxation: f32,
+    },
+    /// Multigrid V-cycles.
+    Multigrid {
+        /// Cycles a solve.
+        cycles: u32,
+    },
+}
+
+impl PressureMethod {
+    /// Its rung.
+    pub fn rung(&self) -> Rung {
+        match self {
+            Self::Direct => Rung::Direct,
+            Self::Jacobi { .. } => Rung::Jacobi,
+            Self::RedBlackSor { .. } => Rung::RedBlackSor,
+            Self::Multigrid { .. } => Rung::Multigrid,
+        }
+    }
 }
 
 /// Parameters of the eddy viscosity.

@@ -1,0 +1,150 @@
+//! Which rung of each ladder a scene gets, and why.
+
+use welkin_proto::scene::{Accuracy, Advection, Pressure};
+use welkin_proto::{ApiError, Scene};
+use welkin_shaders::catalogue::{Ladder, Rung};
+use welkin_shaders::cpu::sim::parameters::{Methods, PressureMethod};
+
+/// A rung and what chose it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Choice {
+    /// The rung.
+    pub rung: Rung,
+    /// Who chose it, in a few words.
+    pub why: String,
+}
+
+/// A scene's methods.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Chosen {
+    /// One rung a ladder; of advection and pressure only where something flows.
+    pub choices: Vec<Choice>,
+    /// What the passes are told.
+    pub methods: Methods,
+    /// Largest Courant number of a substep; absent where nothing flows.
+    pub courant_max: Option<f64>,
+}
+
+/// What an accuracy stands for: a rung of advection, a pressure solver, and a factor on the scene's largest Courant number.
+fn meaning(accuracy: Accuracy) -> (&'static str, Rung, PressureMethod, f64) {
+    match accuracy {
+        Accuracy::Fast => ("fast", Rung::MacCormack, PressureMethod::Multigrid { cycles: 2 }, 1.0),
+        Accuracy::Balanced => ("balanced", Rung::FluxForm, PressureMethod::Direct, 1.0),
+        Accuracy::Reference => ("reference", Rung::FluxForm, PressureMethod::Direct, 0.5),
+    }
+}
+
+fn advection_rung(advection: Advection) -> Rung {
+    match advection {
+        Advection::SemiLagrangianLinear => Rung::SemiLagrangianLinear,
+        Advection::MacCormack => Rung::MacCormack,
+        Advection::SemiLagrangianCubic => Rung::SemiLagrangianCubic,
+        Advection::FluxForm => Rung::FluxForm,
+    }
+}
+
+fn pressure_method(pressure: &Pressure) -> PressureMethod {
+    match *pressure {
+        Pressure::Direct {} => PressureMethod::Direct,
+        Pressure::Jacobi { sweeps } => PressureMethod::Jacobi { sweeps },
+        Pressure::RedBlackSor { sweeps, relaxation } => PressureMethod::RedBlackSor {
+            sweeps,
+            relaxation: relaxation as f32,
+        },
+        Pressure::Multigrid { cycles } => PressureMethod::Multigrid { cycles },
+    }
+}
+
+/// The rung, if it is written. Errors: `method_unavailable` at `pointer`.
+fn there(rung: Rung, pointer: &str) -> Result<Rung, ApiError> {
+    if rung.is_there() {
+        return Ok(rung);
+    }
+    let info = rung.info();
+    let known: Vec<_> = info
+        .ladder
+        .rungs()
+        .filter(|r| r.is_there())
+        .map(|r| r.info().name)
+        .collect();
+    let message = format!(
+        "this build does not have {} for {}; it has {}",
+        info.name,
+        info.ladder.name(),
+        known.join(", ")
+    );
+    Err(ApiError::new("method_unavailable", message).at(pointer))
+}
+
+/// Chooses. Errors, with pointers into the scene: `method_unavailable` for a rung that this build lacks; `method_limit` for a Courant
+/// number above what the chosen advection is claimed to bear.
+pub fn choose(scene: &Scene) -> Result<Chosen, ApiError> {
+    let (accuracy, advection, pressure, courant_factor) = meaning(scene.accuracy);
+    let by_accuracy = format!("accuracy {accuracy}");
+    let mut choices = Vec::new();
+    let mut methods = Methods::default();
+    let mut courant_max = None;
+    if let Some(flow) = &scene.effects.flow {
+        let (rung, pointer, why) = match scene.methods.advection {
+            Some(named) => (advection_rung(named), "/methods/advection", "the scene names it"),
+            None => (advection, "/accuracy", by_accuracy.as_str()),
+        };
+        methods.advection = there(rung, pointer)?;
+        choices.push(Choice {
+            rung,
+            why: why.to_owned(),
+        });
+        let (method, pointer, why) = match &scene.methods.pressure {
+            Some(named) => (pressure_method(named), "/methods/pressure/solver", "the scene names it"),
+            None => (pressure, "/accuracy", by_accuracy.as_str()),
+        };
+        let rung = there(method.rung(), pointer)?;
+        methods.pressure = method;
+        choices.push(Choice {
+            rung,
+            why: why.to_owned(),
+        });
+        let limit = methods
+            .advection
+            .info()
+            .advance
+            .map_or(f64::INFINITY, |a| a.courant_max);
+        if flow.courant_max > limit {
+            let message = format!(
+                "a Courant number of {} is above {limit}, the most that {} bears",
+                flow.courant_max,
+                methods.advection.info().name
+            );
+            return Err(ApiError::new("method_limit", message).at("/effects/flow/courant_max"));
+        }
+        courant_max = Some(flow.courant_max * courant_factor);
+    }
+    let (rung, why) = if scene.effects.turbulence.is_some() {
+        (Rung::SmagorinskyLilly, "effect turbulence")
+    } else {
+        (Rung::NoSubgrid, "no effect asks for mixing")
+    };
+    choices.push(Choice {
+        rung,
+        why: why.to_owned(),
+    });
+    let (rung, why) = if scene.effects.moisture.is_some() {
+        (Rung::SaturationAdjustment, "effect moisture")
+    } else {
+        (Rung::NoMicrophysics, "no effect asks for water")
+    };
+    choices.push(Choice {
+        rung,
+        why: why.to_owned(),
+    });
+    debug_assert!(choices.windows(2).all(|c| order(c[0].rung) < order(c[1].rung)));
+    Ok(Chosen {
+        choices,
+        methods,
+        courant_max,
+    })
+}
+
+fn order(rung: Rung) -> Option<usize> {
+    Ladder::ALL.iter().position(|l| *l == rung.info().ladder)
+}
