@@ -10,7 +10,7 @@ use welkin_shaders::catalogue::{Field, Pass, Phase, VIEW_STAGES};
 use welkin_shaders::constants::GRAVITY_M_S2;
 use welkin_shaders::cpu::Cpu;
 use welkin_shaders::cpu::sim::Parameters;
-use welkin_shaders::{CloudReductions, CloudVolume, Device, Reductions, Substep};
+use welkin_shaders::{CloudReductions, CloudVolume, Device, Reductions, Substep, Vitals};
 
 use crate::base_state::{self, BaseState};
 use crate::plan::Plan;
@@ -46,6 +46,7 @@ pub struct World {
     substep_s: f64,
     reductions: Reductions,
     cloud: Option<CloudReductions>,
+    vitals: Vitals,
     air_displacement_m: [f64; 2],
     buoyancy_frequency_per_s: f64,
 }
@@ -105,6 +106,7 @@ impl World {
             substep_s: 0.0,
             reductions: Reductions::default(),
             cloud: None,
+            vitals: Vitals::default(),
             air_displacement_m: [0.0; 2],
             buoyancy_frequency_per_s: stability.sqrt(),
         };
@@ -320,6 +322,7 @@ impl World {
             },
         );
         self.cloud = self.device.reduce_cloud();
+        self.vitals = self.device.vitals();
     }
 
     /// Adds a uniform wind to the whole box; the base and geostrophic winds move with it, so that it stays.
@@ -371,11 +374,7 @@ impl World {
             updraught_max_m_s: self.reductions.updraught_max_m_s as f64,
             wind_max_m_s: self.reductions.wind_max_m_s as f64,
             courant: self.reductions.courant_rate_per_s as f64 * self.substep_s,
-            divergence_max_per_s: if self.has_flow() {
-                self.device.divergence_max_per_s() as f64
-            } else {
-                0.0
-            },
+            divergence_max_per_s: self.vitals.divergence_max_per_s as f64,
             sun_elevation_deg,
             sun_azimuth_deg,
             ..Numbers::default()

@@ -111,10 +111,31 @@ impl Field {
         }
     }
 
-    /// Whether it is part of the state: given at the start, not computed from other fields.
+    /// The fields of the state: given at the start, not computed from other fields.
+    pub const STATE: [Field; 5] = [
+        Field::VelocityX,
+        Field::VelocityY,
+        Field::VelocityZ,
+        Field::Heat,
+        Field::Water,
+    ];
+
+    /// Whether it is part of the state.
     pub fn is_state(self) -> bool {
+        Self::STATE.contains(&self)
+    }
+
+    /// Where a field of the state is kept over a substep.
+    pub fn start(self) -> Option<Field> {
         use Field::*;
-        matches!(self, VelocityX | VelocityY | VelocityZ | Heat | Water)
+        match self {
+            VelocityX => Some(StartVelocityX),
+            VelocityY => Some(StartVelocityY),
+            VelocityZ => Some(StartVelocityZ),
+            Heat => Some(StartHeat),
+            Water => Some(StartWater),
+            _ => None,
+        }
     }
 
     /// Whether it keeps the state of a substep's start.

@@ -41,6 +41,17 @@ pub struct Reductions {
     pub finite: bool,
 }
 
+/// What a tick's end is judged by, beside [`Reductions`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Vitals {
+    /// Whether every value of every field of the state, and of the extinction, is finite.
+    pub finite: bool,
+    /// Largest divergence of the mass flux over the density, 1/s; 0 without a flow.
+    pub divergence_max_per_s: f32,
+    /// Least total water, kg/kg; 0 without moisture.
+    pub water_min_kg_per_kg: f32,
+}
+
 /// A tick's few numbers on the cloud.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CloudReductions {
@@ -54,6 +65,8 @@ pub struct CloudReductions {
     pub liquid_water_path_kg_m2: f64,
     /// Mean path of all water, kg/m2.
     pub total_water_path_kg_m2: f64,
+    /// Rate at which the named sources (ground, larger weather) change that path in this state, kg/m2/s.
+    pub water_source_kg_m2_s: f64,
     /// Levels with any extinction: first, and one past the last; equal where there is none.
     pub lit_levels: [usize; 2],
     /// Mean wind of the cloudy air east and north, weighted by cloud water, m/s.
@@ -75,11 +88,21 @@ pub trait Device: Send {
     /// Replaces a field's values; `false` (and nothing written) if the plan doesn't hold the field or the length differs.
     fn write(&mut self, field: Field, values: &[f32]) -> bool;
     /// Reductions over the cloud, valid after the publish passes; none if the plan has no cloud.
-    fn reduce_cloud(&self) -> Option<CloudReductions>;
+    fn reduce_cloud(&mut self) -> Option<CloudReductions>;
     /// Replaces the parameters of effects and the base wind; the grid and the reference state stay.
     fn set_parameters(&mut self, parameters: &Parameters);
     /// Bytes held beside fields: a pressure solver's factors and spectra.
     fn solver_bytes(&self) -> usize;
-    /// Largest divergence of the mass flux over the density, 1/s.
-    fn divergence_max_per_s(&self) -> f32;
+    /// What a tick's end is judged by; the extinction counts once the publish passes have run.
+    fn vitals(&mut self) -> Vitals;
+    /// Copies what a continuation needs, the fields of the state, to `slot`: a place on the device, made at the first use.
+    fn save(&mut self, slot: usize);
+    /// Gives `slot` the state that the last substep started from, by exchanging memory with it: nothing is copied, and what
+    /// `Start*` holds is undefined until the next substep. Call it after a substep's last stage and on a slot that was saved to before.
+    fn save_start(&mut self, slot: usize);
+    /// Makes what `slot` keeps the state again, bit for bit; the slot keeps it too. `false`, and nothing is changed, where nothing
+    /// was saved.
+    fn restore(&mut self, slot: usize) -> bool;
+    /// Bytes that the slots hold.
+    fn saved_bytes(&self) -> usize;
 }

@@ -9,6 +9,6 @@ pub mod device;
 pub mod grid;
 pub mod volume;
 
-pub use device::{CloudReductions, Device, Reductions, Substep};
+pub use device::{CloudReductions, Device, Reductions, Substep, Vitals};
 pub use grid::Grid;
 pub use volume::CloudVolume;

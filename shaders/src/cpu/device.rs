@@ -9,7 +9,7 @@ use super::sim::pressure_solve::Solver;
 use super::sim::slab::slab_count;
 use super::sim::*;
 use crate::catalogue::{Field, Pass};
-use crate::device::{CloudReductions, Device, Reductions, Substep};
+use crate::device::{CloudReductions, Device, Reductions, Substep, Vitals};
 
 /// The CPU device of one world.
 pub struct Cpu {
@@ -17,6 +17,8 @@ pub struct Cpu {
     fields: Fields,
     scratch: Vec<Scratch>,
     levels: Vec<Reductions>,
+    cloud_levels: Vec<reduce_cloud::Level>,
+    vital_levels: Vec<Vitals>,
     solver: Option<Solver>,
 }
 
@@ -32,6 +34,8 @@ impl Cpu {
                 Vec::new()
             },
             levels: vec![Reductions::default(); grid.cells[2]],
+            cloud_levels: vec![reduce_cloud::Level::default(); grid.cells[2]],
+            vital_levels: vec![Vitals::default(); grid.cells[2]],
             solver: planned.contains(&Field::Pressure).then(|| Solver::new(&parameters)),
             parameters,
         }
@@ -294,7 +298,7 @@ impl Device for Cpu {
         true
     }
 
-    fn reduce_cloud(&self) -> Option<CloudReductions> {
+    fn reduce_cloud(&mut self) -> Option<CloudReductions> {
         let cloud = self.fields.planned(Field::CloudWater)?;
         let wind = [Field::VelocityX, Field::VelocityY].map(|f| self.fields.get(f));
         Some(reduce_cloud::run(
@@ -303,6 +307,7 @@ impl Device for Cpu {
             self.fields.get(Field::Water),
             self.fields.get(Field::Extinction),
             wind,
+            &mut self.cloud_levels,
         ))
     }
 
@@ -314,7 +319,33 @@ impl Device for Cpu {
         self.solver.as_ref().map_or(0, Solver::bytes)
     }
 
-    fn divergence_max_per_s(&self) -> f32 {
-        reduce::divergence_max_per_s(&self.parameters, self.velocity())
+    fn vitals(&mut self) -> Vitals {
+        let mut levels = std::mem::take(&mut self.vital_levels);
+        let vitals = vitals::run(
+            &self.parameters,
+            self.velocity(),
+            self.fields.get(Field::Heat),
+            self.fields.get(Field::Water),
+            self.fields.get(Field::Extinction),
+            &mut levels,
+        );
+        self.vital_levels = levels;
+        vitals
+    }
+
+    fn save(&mut self, slot: usize) {
+        self.fields.save(slot);
+    }
+
+    fn save_start(&mut self, slot: usize) {
+        self.fields.exchange_start(slot);
+    }
+
+    fn restore(&mut self, slot: usize) -> bool {
+        self.fields.restore(slot)
+    }
+
+    fn saved_bytes(&self) -> usize {
+        self.fields.saved_bytes()
     }
 }

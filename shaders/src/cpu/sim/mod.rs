@@ -19,5 +19,6 @@ pub mod saturation_adjustment;
 pub mod slab;
 pub mod sponge;
 pub mod surface_flux;
+pub mod vitals;
 
 pub use parameters::Parameters;

@@ -11,7 +11,7 @@ use crate::device::Reductions;
 /// The larger of a maximum so far and a value that is not negative, both as bits: their order is that of the numbers, NaN and infinity
 /// come out on top, and integers have a vector maximum that needs no leave to reorder.
 #[inline(always)]
-fn larger(maximum: u32, value: f32) -> u32 {
+pub(super) fn larger(maximum: u32, value: f32) -> u32 {
     maximum.max(value.to_bits())
 }
 
@@ -69,33 +69,40 @@ pub fn run(parameters: &Parameters, velocity: [&[f32]; 3], viscosity: &[f32], le
     )
 }
 
-/// Largest `|div(rho v)| / rho`, 1/s.
-pub fn divergence_max_per_s(parameters: &Parameters, velocity: [&[f32]; 3]) -> f32 {
+/// Largest `|div(rho v)| / rho` of a level as bits, 1/s.
+#[inline(always)]
+pub(super) fn divergence(parameters: &Parameters, velocity: [&[f32]; 3], z: usize) -> u32 {
     let grid = &parameters.grid;
     let [nx, ny, levels] = grid.cells;
     let [dx, dy, dz] = grid.cell_size_m.map(|d| 1.0 / d);
-    (0..levels)
+    let per_density = 1.0 / parameters.density_kg_m3[z];
+    let below_density = parameters.density_at_z_face_kg_m3[z];
+    let above_density = if z + 1 < levels {
+        parameters.density_at_z_face_kg_m3[z + 1]
+    } else {
+        0.0
+    };
+    let z_above = (z + 1).min(levels - 1);
+    let mut worst = 0;
+    for y in 0..ny {
+        let (u, w) = (&row(grid, velocity[0], y, z)[..nx], &row(grid, velocity[2], y, z)[..nx]);
+        let v = &row(grid, velocity[1], y, z)[..nx];
+        let v_north = &row(grid, velocity[1], ahead(y, 1, ny), z)[..nx];
+        let w_above = &row(grid, velocity[2], y, z_above)[..nx];
+        for_row!(nx, |i, _west, east| {
+            let vertical = above_density * w_above[i] - below_density * w[i];
+            let d = (u[east] - u[i]) * dx + (v_north[i] - v[i]) * dy + vertical * dz * per_density;
+            worst = larger(worst, d.abs());
+        });
+    }
+    worst
+}
+
+/// Largest `|div(rho v)| / rho`, 1/s; NaN or infinite where a velocity is.
+pub fn divergence_max_per_s(parameters: &Parameters, velocity: [&[f32]; 3]) -> f32 {
+    let worst = (0..parameters.grid.cells[2])
         .into_par_iter()
-        .map(|z| {
-            let per_density = 1.0 / parameters.density_kg_m3[z];
-            let above_density = if z + 1 < levels {
-                parameters.density_at_z_face_kg_m3[z + 1]
-            } else {
-                0.0
-            };
-            let z_above = (z + 1).min(levels - 1);
-            let mut worst = 0.0f32;
-            for y in 0..ny {
-                let (u, w) = (row(grid, velocity[0], y, z), row(grid, velocity[2], y, z));
-                let (v, v_north) = (row(grid, velocity[1], y, z), row(grid, velocity[1], ahead(y, 1, ny), z));
-                let w_above = row(grid, velocity[2], y, z_above);
-                for_row!(nx, |i, _west, east| {
-                    let vertical = above_density * w_above[i] - parameters.density_at_z_face_kg_m3[z] * w[i];
-                    let d = (u[east] - u[i]) * dx + (v_north[i] - v[i]) * dy + vertical * dz * per_density;
-                    worst = worst.max(d.abs());
-                });
-            }
-            worst
-        })
-        .reduce(|| 0.0, f32::max)
+        .map(|z| divergence(parameters, velocity, z))
+        .max();
+    f32::from_bits(worst.unwrap_or(0))
 }

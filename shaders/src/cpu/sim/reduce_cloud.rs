@@ -11,8 +11,9 @@ use crate::device::CloudReductions;
 /// Cloud water that counts as cloud, kg/kg.
 const CLOUDY_KG_PER_KG: f32 = 1e-6;
 
-#[derive(Clone, Copy, Default)]
-struct Level {
+/// One level's part.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Level {
     cloudy: bool,
     lit: bool,
     liquid: f64,
@@ -20,39 +21,63 @@ struct Level {
     momentum: [f64; 2],
 }
 
-/// Reduces; `extinction` is what views will see, so levels that hold any of it are reported too.
+/// Rate at which the ground and the larger weather change the mean path of all water, kg/m2/s, by the sums of water a level. Both are linear in
+/// the field, so that the sums tell what the stages `surface_flux` and `large_scale` will add; what those do is repeated here on means.
+fn water_source_kg_m2_s(parameters: &Parameters, levels: &[Level]) -> f64 {
+    let plane = parameters.grid.plane() as f64;
+    let dz = parameters.grid.cell_size_m[2] as f64;
+    let ground = parameters.surface.as_ref().map_or(0.0, |s| {
+        s.moisture_flux_m_s as f64 * parameters.density_at_z_face_kg_m3[0] as f64
+    });
+    let weather = parameters.large_scale.as_ref().map_or(0.0, |weather| {
+        (0..levels.len())
+            .map(|z| {
+                let w = weather.vertical_wind_m_s[z] as f64;
+                let upper = if w < 0.0 {
+                    (z + 1).min(levels.len() - 1)
+                } else {
+                    z.max(1)
+                };
+                let gradient = (levels[upper].water - levels[upper - 1].water) / plane / dz;
+                let rate_per_s = weather.moistening_per_s[z] as f64 - w * gradient;
+                parameters.density_kg_m3[z] as f64 * dz * rate_per_s
+            })
+            .sum()
+    });
+    ground + weather
+}
+
+/// Reduces; `extinction` is what views will see, so levels that hold any of it are reported too. `levels` is scratch, one a level.
 pub fn run(
     parameters: &Parameters,
     cloud: &[f32],
     water: &[f32],
     extinction: &[f32],
     wind: [&[f32]; 2],
+    levels: &mut [Level],
 ) -> CloudReductions {
     let grid = &parameters.grid;
     let plane = grid.plane();
     let dz = grid.cell_size_m[2] as f64;
-    let levels: Vec<Level> = (0..grid.cells[2])
-        .into_par_iter()
-        .map(|z| {
-            let at = z * plane..(z + 1) * plane;
-            let (cloud, u, v) = (&cloud[at.clone()], &wind[0][at.clone()], &wind[1][at.clone()]);
-            let mut level = Level {
-                water: water[at.clone()].iter().map(|&q| q as f64).sum(),
-                ..Level::default()
-            };
-            for i in 0..plane {
-                if cloud[i] > 0.0 {
-                    let liquid = cloud[i] as f64;
-                    level.cloudy |= cloud[i] > CLOUDY_KG_PER_KG;
-                    level.liquid += liquid;
-                    level.momentum[0] += liquid * u[i] as f64;
-                    level.momentum[1] += liquid * v[i] as f64;
-                }
+    levels.par_iter_mut().enumerate().for_each(|(z, out)| {
+        let at = z * plane..(z + 1) * plane;
+        let (cloud, u, v) = (&cloud[at.clone()], &wind[0][at.clone()], &wind[1][at.clone()]);
+        let mut level = Level {
+            water: water[at.clone()].iter().map(|&q| q as f64).sum(),
+            ..Level::default()
+        };
+        for i in 0..plane {
+            if cloud[i] > 0.0 {
+                let liquid = cloud[i] as f64;
+                level.cloudy |= cloud[i] > CLOUDY_KG_PER_KG;
+                level.liquid += liquid;
+                level.momentum[0] += liquid * u[i] as f64;
+                level.momentum[1] += liquid * v[i] as f64;
             }
-            level.lit = level.liquid > 0.0 && extinction[at].iter().any(|&e| e > 0.0);
-            level
-        })
-        .collect();
+        }
+        level.lit = level.liquid > 0.0 && extinction[at].iter().any(|&e| e > 0.0);
+        *out = level;
+    });
     let columns: usize = (0..grid.cells[1])
         .into_par_iter()
         .map(|y| {
@@ -64,6 +89,7 @@ pub fn run(
         .sum();
     let mut total = CloudReductions {
         cover: columns as f64 / plane as f64,
+        water_source_kg_m2_s: water_source_kg_m2_s(parameters, levels),
         ..CloudReductions::default()
     };
     let (mut mass, mut momentum) = (0.0, [0.0; 2]);
