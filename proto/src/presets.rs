@@ -46,6 +46,10 @@ pub fn all() -> &'static [Preset] {
             name: "dry-bubble",
             json: include_str!("../scenes/dry-bubble.json"),
         },
+        Preset {
+            name: "moist-bubble",
+            json: include_str!("../scenes/moist-bubble.json"),
+        },
     ]
 }
 

@@ -214,6 +214,22 @@ pub enum BaseState {
         #[serde(default)]
         wind_shear_m_s: f64,
     },
+    /// Cloud from the ground to the lid that is neither stable nor unstable: one reversible moist adiabat with one total water, after
+    /// Bryan and Fritsch (2002).
+    SaturatedNeutral {
+        /// Pressure at the ground, Pa.
+        surface_pressure_pa: f64,
+        /// Equivalent potential temperature of the reversible ascent at the ground, K.
+        surface_equivalent_potential_temperature_k: f64,
+        /// Total water (vapour and liquid) over dry air, kg/kg; the air must be saturated with it at the ground.
+        total_water_mixing_ratio_kg_per_kg: f64,
+        /// Wind towards the east, m/s.
+        #[serde(default)]
+        wind_x_m_s: f64,
+        /// Wind towards the north, m/s.
+        #[serde(default)]
+        wind_y_m_s: f64,
+    },
 }
 
 /// One level of a profile table.
@@ -370,8 +386,17 @@ pub struct Bubble {
     pub centre_m: [f64; 3],
     /// Half-axes, m.
     pub radius_m: [f64; 3],
-    /// Potential temperature added at the centre, K; falls off as cos2 of the distance. Negative for a cold bubble.
+    /// Liquid-water potential temperature added at the centre, K; falls off as cos2 of the distance. Negative for a cold bubble.
+    #[serde(default)]
     pub potential_temperature_k: f64,
+    /// Temperature added at the centre at unchanged pressure, K, with the same fall-off; where it is cloudy, before water condenses or
+    /// evaporates.
+    #[serde(default)]
+    pub temperature_k: f64,
+    /// Share by which virtual potential temperature (with the weight of the liquid) is raised at the centre, with the same fall-off and
+    /// total water unchanged: 2/300 makes a cloudy bubble as buoyant as a dry one of 2 K in air of 300 K (Bryan and Fritsch 2002).
+    #[serde(default)]
+    pub virtual_potential_temperature_share: f64,
     /// Total water added at the centre, kg/kg, with the same fall-off.
     #[serde(default)]
     pub total_water_kg_per_kg: f64,

@@ -309,6 +309,20 @@ fn base_state(base: &BaseState, limits: &Limits) -> Result<(), ApiError> {
                 WIND_MAX_M_S,
             )
         }
+        BaseState::SaturatedNeutral {
+            surface_pressure_pa,
+            surface_equivalent_potential_temperature_k,
+            total_water_mixing_ratio_kg_per_kg,
+            wind_x_m_s,
+            wind_y_m_s,
+        } => {
+            pressure(*surface_pressure_pa)?;
+            let pointer = "/base_state/surface_equivalent_potential_temperature_k";
+            range(pointer, *surface_equivalent_potential_temperature_k, 230.0, 450.0)?;
+            let pointer = "/base_state/total_water_mixing_ratio_kg_per_kg";
+            range(pointer, *total_water_mixing_ratio_kg_per_kg, 0.0, 0.05)?;
+            wind(*wind_x_m_s, *wind_y_m_s)
+        }
     }
 }
 
@@ -542,6 +556,9 @@ fn effects(effects: &Effects, lid_m: f64, limits: &Limits) -> Result<(), ApiErro
             -50.0,
             50.0,
         )?;
+        range("/effects/bubble/temperature_k", bubble.temperature_k, -50.0, 50.0)?;
+        let pointer = "/effects/bubble/virtual_potential_temperature_share";
+        range(pointer, bubble.virtual_potential_temperature_share, -0.2, 0.2)?;
         range(
             "/effects/bubble/total_water_kg_per_kg",
             bubble.total_water_kg_per_kg,

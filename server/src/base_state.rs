@@ -11,9 +11,11 @@ use welkin_proto::report::BaseStateReport;
 use welkin_proto::scene::Scene;
 use welkin_shaders::constants as c;
 
+mod adiabat;
 mod ascent;
 mod source;
 
+pub use adiabat::{Adiabat, reversible_equivalent_potential_temperature_k};
 pub use ascent::{lifting_condensation_level, saturated_ascent};
 use source::Source;
 
@@ -111,6 +113,30 @@ fn adjust(pressure_pa: f64, liquid_water_temperature_k: f64, total_water_kg_per_
         }
     }
     (t, (t - liquid_water_temperature_k) / latent)
+}
+
+/// Temperature (K), liquid water (kg/kg) and virtual potential temperature with the weight of the liquid (K) of air with the given
+/// conserved values where the pressure is known by its Exner function; the formulas of the simulation, in f64.
+pub fn cloudy_air(exner: f64, theta_l_k: f64, total_water_kg_per_kg: f64) -> (f64, f64, f64) {
+    let (temperature_k, liquid) = adjust(pressure_of(exner), exner * theta_l_k, total_water_kg_per_kg);
+    let factor = virtual_factor(total_water_kg_per_kg - liquid, liquid);
+    (temperature_k, liquid, temperature_k / exner * factor)
+}
+
+/// The liquid-water potential temperature (K) at which air of this total water has the virtual potential temperature `theta_v_k`:
+/// Newton's method from `near_k`. The relation rises and bends one way only, at saturation, so that it converges from anywhere.
+pub fn theta_l_of_theta_v(exner: f64, theta_v_k: f64, total_water_kg_per_kg: f64, near_k: f64) -> f64 {
+    let theta_v = |theta_l: f64| cloudy_air(exner, theta_l, total_water_kg_per_kg).2;
+    let mut theta_l = near_k;
+    for _ in 0..40 {
+        let slope = (theta_v(theta_l + 1e-3) - theta_v(theta_l - 1e-3)) / 2e-3;
+        let change = (theta_v_k - theta_v(theta_l)) / slope;
+        theta_l += change;
+        if change.abs() < 1e-9 {
+            break;
+        }
+    }
+    theta_l
 }
 
 /// The air of a source at a height above the ground, given its pressure.

@@ -5,7 +5,7 @@ use welkin_shaders::Device;
 use welkin_shaders::catalogue::Field;
 use welkin_shaders::cpu::sim::Parameters;
 
-use crate::base_state::BaseState;
+use crate::base_state::{self, BaseState};
 
 /// Writes the initial state into a device's planned fields.
 pub fn write(scene: &Scene, base: &BaseState, parameters: &Parameters, device: &mut dyn Device) {
@@ -39,8 +39,18 @@ pub fn write(scene: &Scene, base: &BaseState, parameters: &Parameters, device: &
                 .sum();
             if distance_squared < 1.0 {
                 let shape = (0.5 * std::f64::consts::PI * distance_squared.sqrt()).cos().powi(2);
-                heat[i] += (bubble.potential_temperature_k * shape) as f32;
+                let exner = base.exner[at[2]];
                 water[i] += (bubble.total_water_kg_per_kg * shape) as f32;
+                let warmer_k = (bubble.potential_temperature_k + bubble.temperature_k / exner) * shape;
+                heat[i] += warmer_k as f32;
+                let share = bubble.virtual_potential_temperature_share * shape;
+                if share != 0.0 {
+                    let reference_k = f64::from(parameters.heat_reference_k);
+                    let total = f64::from(water[i].max(0.0));
+                    let theta_l = base.liquid_water_potential_temperature_k[at[2]] + warmer_k;
+                    let theta_v = base_state::cloudy_air(exner, theta_l, total).2 * (1.0 + share);
+                    heat[i] = (base_state::theta_l_of_theta_v(exner, theta_v, total, theta_l) - reference_k) as f32;
+                }
             }
         }
     }

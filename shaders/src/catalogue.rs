@@ -452,6 +452,8 @@ passes! {
     AdvectMomentum "advect_momentum" Stage needs [Flow] unless None, rungs [FluxForm],
         reads [VelocityX, VelocityY, VelocityZ, StartVelocityX, StartVelocityY, StartVelocityZ, SlowVelocityX, SlowVelocityY, SlowVelocityZ, Buoyancy]
         writes [NextVelocityX, NextVelocityY, NextVelocityZ] "carries momentum, flux form, fifth-order upwind, and adds buoyancy";
+    CloudyAscent "cloudy_ascent" Stage needs [Moisture] unless None, rungs [SaturationAdjustment],
+        reads [VelocityZ, CloudWater] writes [NextHeat] "what liquid-water potential temperature loses as cloudy air rises; after it has been carried";
     PressureSolve "pressure_solve" Stage needs [Flow] unless None, rungs [Direct],
         reads [NextVelocityX, NextVelocityY, NextVelocityZ] writes [Pressure] "the pressure that frees the mass flux of divergence: FFT in x, y and tridiagonal in z";
     Project "project" Stage needs [Flow] unless None,

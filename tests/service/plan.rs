@@ -122,6 +122,15 @@ fn every_planned_field_is_touched_and_every_touched_field_planned() {
 }
 
 #[test]
+fn what_cloudy_ascent_adds_is_not_overwritten() {
+    // Whoever carries heat writes its next value whole.
+    for pass in Pass::ALL.iter().filter(|p| p.info().writes.contains(&Field::NextHeat)) {
+        assert!(*pass <= Pass::CloudyAscent, "{} comes after", pass.info().name);
+    }
+    assert!(Pass::CloudyAscent > Pass::Saturation, "it needs this stage's cloud");
+}
+
+#[test]
 fn the_report_says_what_was_run_and_what_it_cost() {
     let mut world = World::new(cumulus(), None).expect("a world");
     world.tick();
@@ -211,12 +220,11 @@ fn a_named_method_is_run_or_refused() {
             Ok(plan) => {
                 assert!(rung.is_there());
                 assert_eq!(plan.chosen.choices[0].rung, rung);
-                // Each quantity is carried once, and the wind is projected after.
+                // Each quantity is carried once; the wind is projected after, and cloudy air's heat corrected.
                 for field in [Field::NextHeat, Field::NextWater, Field::NextVelocityZ] {
-                    let writers = plan
-                        .phase(Phase::Stage)
-                        .into_iter()
-                        .filter(|p| p.info().writes.contains(&field) && *p != Pass::Project);
+                    let writers = plan.phase(Phase::Stage).into_iter().filter(|p| {
+                        p.info().writes.contains(&field) && ![Pass::Project, Pass::CloudyAscent].contains(p)
+                    });
                     assert_eq!(writers.count(), 1, "{wanted}: {}", field.name());
                 }
                 assert_eq!(

@@ -14,7 +14,8 @@ fn full() -> Value {
     let mut scene: Value = serde_json::from_str(presets::all()[0].json).expect("the default preset is JSON");
     scene["effects"]["bubble"] = json!({
         "centre_m": [3200.0, 3200.0, 900.0], "radius_m": [800.0, 800.0, 800.0],
-        "potential_temperature_k": 2.0, "total_water_kg_per_kg": 0.001
+        "potential_temperature_k": 2.0, "total_water_kg_per_kg": 0.001, "temperature_k": 0.1,
+        "virtual_potential_temperature_share": 0.001
     });
     scene["sun"] = json!({ "from": "fixed", "elevation_deg": 45.0, "azimuth_deg": 120.0 });
     scene
@@ -240,6 +241,13 @@ fn every_number_has_a_range() {
             json!(300.0),
             "-50 to 50",
         ),
+        ("/effects/bubble/temperature_k", json!(-51.0), json!(51.0), "-50 to 50"),
+        (
+            "/effects/bubble/virtual_potential_temperature_share",
+            json!(-0.3),
+            json!(0.3),
+            "-0.2 to 0.2",
+        ),
         (
             "/effects/bubble/total_water_kg_per_kg",
             json!(-1.0),
@@ -319,7 +327,16 @@ fn other_base_states_have_ranges_too() {
     let deep = json!({
         "kind": "weisman_klemp", "surface_pressure_pa": 1e5, "mixing_ratio_cap_kg_per_kg": 0.014, "wind_shear_m_s": 10.0
     });
+    let cloud = json!({
+        "kind": "saturated_neutral", "surface_pressure_pa": 1e5, "surface_equivalent_potential_temperature_k": 320.0,
+        "total_water_mixing_ratio_kg_per_kg": 0.02, "wind_x_m_s": 0.0, "wind_y_m_s": 0.0
+    });
     for (base, field, below, above) in [
+        (&cloud, "surface_pressure_pa", 1013.0, 1e6),
+        (&cloud, "surface_equivalent_potential_temperature_k", 20.0, 500.0),
+        (&cloud, "total_water_mixing_ratio_kg_per_kg", -0.01, 20.0),
+        (&cloud, "wind_x_m_s", -200.0, 200.0),
+        (&cloud, "wind_y_m_s", -200.0, 200.0),
         (&stable, "surface_pressure_pa", -1.0, 1e6),
         (&stable, "surface_potential_temperature_k", 20.0, 500.0),
         (&stable, "buoyancy_frequency_per_s", -0.01, 1.0),

@@ -5,6 +5,8 @@ use welkin_proto::scene;
 use welkin_proto::sounding::{self, SoundingLevel};
 use welkin_shaders::constants as c;
 
+use super::adiabat::{Adiabat, reversible_equivalent_potential_temperature_k};
+
 /// The sounding of Weisman and Klemp (1982): tropopause and surface.
 const WK_TROPOPAUSE_M: f64 = 12_000.0;
 const WK_TROPOPAUSE_THETA_K: f64 = 343.0;
@@ -84,6 +86,11 @@ pub(super) enum Source {
         cap_kg_per_kg: f64,
         shear_m_s: f64,
     },
+    SaturatedNeutral {
+        surface_pressure_pa: f64,
+        adiabat: Adiabat,
+        wind_m_s: [f64; 2],
+    },
 }
 
 /// Specific humidity of air with a given relative humidity, where water can be that humid at all.
@@ -162,6 +169,21 @@ impl Source {
                 cap_kg_per_kg: *mixing_ratio_cap_kg_per_kg,
                 shear_m_s: *wind_shear_m_s,
             },
+            scene::BaseState::SaturatedNeutral {
+                surface_pressure_pa,
+                surface_equivalent_potential_temperature_k,
+                total_water_mixing_ratio_kg_per_kg,
+                wind_x_m_s,
+                wind_y_m_s,
+            } => Self::SaturatedNeutral {
+                surface_pressure_pa: *surface_pressure_pa,
+                adiabat: saturated_adiabat(
+                    *surface_pressure_pa,
+                    *surface_equivalent_potential_temperature_k,
+                    *total_water_mixing_ratio_kg_per_kg,
+                )?,
+                wind_m_s: [*wind_x_m_s, *wind_y_m_s],
+            },
         })
     }
 
@@ -180,6 +202,9 @@ impl Source {
                 surface_pressure_pa, ..
             }
             | Self::WeismanKlemp {
+                surface_pressure_pa, ..
+            }
+            | Self::SaturatedNeutral {
                 surface_pressure_pa, ..
             } => *surface_pressure_pa,
         }
@@ -209,6 +234,7 @@ impl Source {
             Self::Isentropic { .. } => "isentropic".to_owned(),
             Self::ConstantStability { .. } => "constant stability".to_owned(),
             Self::WeismanKlemp { .. } => "Weisman and Klemp (1982)".to_owned(),
+            Self::SaturatedNeutral { .. } => "saturated and neutral".to_owned(),
         }
     }
 
@@ -254,8 +280,41 @@ impl Source {
                 shear_m_s,
                 ..
             } => weisman_klemp(height_m, exner, *cap_kg_per_kg, *shear_m_s),
+            Self::SaturatedNeutral { adiabat, wind_m_s, .. } => Values {
+                liquid_water_potential_temperature_k: adiabat.theta_l_at(exner),
+                total_water_kg_per_kg: adiabat.total_water_kg_per_kg(),
+                wind_m_s: *wind_m_s,
+            },
         }
     }
+}
+
+/// The reversible adiabat through saturated air at the ground. Errors: `out_of_range` where the air would not be saturated.
+fn saturated_adiabat(pressure_pa: f64, theta_e_k: f64, mixing_ratio: f64) -> Result<Adiabat, ApiError> {
+    // theta_e of saturated air rises with temperature throughout, so the root is found by halving.
+    let (mut cold_k, mut hot_k) = (super::TEMPERATURE_MIN_K, super::TEMPERATURE_MAX_K);
+    while hot_k - cold_k > 1e-10 {
+        let middle_k = 0.5 * (cold_k + hot_k);
+        if reversible_equivalent_potential_temperature_k(pressure_pa, middle_k, mixing_ratio) > theta_e_k {
+            hot_k = middle_k;
+        } else {
+            cold_k = middle_k;
+        }
+    }
+    let water = mixing_ratio / (1.0 + mixing_ratio);
+    let saturated = c::saturation_specific_humidity(pressure_pa, cold_k);
+    if water < saturated {
+        let message = format!(
+            "{mixing_ratio} is out of range: at the ground ({:.2} K) it takes at least {:.5} kg/kg to be saturated",
+            cold_k,
+            saturated / (1.0 - saturated)
+        );
+        return Err(ApiError::new("out_of_range", message).at("/base_state/total_water_mixing_ratio_kg_per_kg"));
+    }
+    let latent = c::LATENT_HEAT_VAPORISATION / c::HEAT_CAPACITY_DRY_AIR;
+    let exner = super::exner_of(pressure_pa);
+    let theta_l_k = (cold_k - latent * (water - saturated)) / exner;
+    Ok(Adiabat::new(exner, theta_l_k, water))
 }
 
 /// Weisman and Klemp (1982): potential temperature and relative humidity as powers of height up to the tropopause, isothermal

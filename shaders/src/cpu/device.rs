@@ -228,6 +228,10 @@ impl Device for Cpu {
             Pass::AdvectHeat => {
                 self.advect_scalar(Field::Heat, Field::StartHeat, Field::SlowHeat, Field::NextHeat, substep)
             }
+            Pass::CloudyAscent => self.writing([Field::NextHeat], |d, [heat]| {
+                let [cloud, w] = [Field::CloudWater, Field::VelocityZ].map(|f| d.fields.get(f));
+                cloudy_ascent::run(&d.parameters, cloud, w, substep.stage_s(), heat);
+            }),
             Pass::AdvectWater => self.advect_scalar(
                 Field::Water,
                 Field::StartWater,

@@ -4,6 +4,7 @@ pub mod advect;
 pub mod advect_momentum;
 pub mod advect_scalar;
 pub mod cloud_extinction;
+pub mod cloudy_ascent;
 pub mod coriolis;
 pub mod diffuse_momentum;
 pub mod diffuse_scalar;
