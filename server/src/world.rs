@@ -288,7 +288,7 @@ impl World {
             (Field::VelocityY, Field::NextVelocityY),
             (Field::VelocityZ, Field::NextVelocityZ),
         ] {
-            let values = self.device.read(state).map(<[f32]>::to_vec).unwrap_or_default();
+            let values = self.device.read(state).unwrap_or_default().into_owned();
             self.device.write(next, &values);
         }
         let whole = Substep {
@@ -306,7 +306,7 @@ impl World {
             (Field::VelocityY, Field::NextVelocityY),
             (Field::VelocityZ, Field::NextVelocityZ),
         ] {
-            let values = self.device.read(next).map(<[f32]>::to_vec).unwrap_or_default();
+            let values = self.device.read(next).unwrap_or_default().into_owned();
             self.device.write(state, &values);
         }
         self.reductions = self.device.reduce();
@@ -321,8 +321,8 @@ impl World {
                 stages: 1,
             },
         );
-        self.cloud = self.device.reduce_cloud();
         self.vitals = self.device.vitals();
+        self.cloud = self.device.reduce_cloud();
     }
 
     /// Adds a uniform wind to the whole box; the base and geostrophic winds move with it, so that it stays.
@@ -330,6 +330,7 @@ impl World {
         for (field, add) in [(Field::VelocityX, x_m_s), (Field::VelocityY, y_m_s)] {
             if let Some(values) = self.device.read(field) {
                 let moved: Vec<f32> = values.iter().map(|v| v + add as f32).collect();
+                drop(values);
                 self.device.write(field, &moved);
             }
         }

@@ -138,6 +138,19 @@ impl Field {
         }
     }
 
+    /// Where a field of the state is made by a stage, before it is swapped in.
+    pub fn next(self) -> Option<Field> {
+        use Field::*;
+        match self {
+            VelocityX => Some(NextVelocityX),
+            VelocityY => Some(NextVelocityY),
+            VelocityZ => Some(NextVelocityZ),
+            Heat => Some(NextHeat),
+            Water => Some(NextWater),
+            _ => None,
+        }
+    }
+
     /// Whether it keeps the state of a substep's start.
     pub fn is_start(self) -> bool {
         use Field::*;
@@ -291,6 +304,7 @@ macro_rules! rungs {
     };
 }
 
+/// On the CPU alone for now.
 const NO_SHADER: Devices = Devices::CpuOnly("its shaders are not written yet");
 /// One stage spans a substep of any length that trajectories can follow.
 const SEMI_LAGRANGIAN: Option<Advance> = Some(Advance {
@@ -308,7 +322,7 @@ rungs! {
     SemiLagrangianCubic Advection "semi_lagrangian_cubic" NO_SHADER, SEMI_LAGRANGIAN,
         "looks back along the wind, interpolates by cubics, limited"
         keeps "extrema; not sums";
-    FluxForm Advection "flux_form" NO_SHADER, Some(Advance { courant_max: 1.4, stages: 3 }),
+    FluxForm Advection "flux_form" Devices::Both, Some(Advance { courant_max: 1.4, stages: 3 }),
         "fluxes through faces, fifth order and WENO5, three-stage Runge-Kutta"
         keeps "mass-weighted sums of heat and water to rounding; extrema nearly";
     Jacobi Pressure "jacobi" NO_SHADER, None,
@@ -320,7 +334,7 @@ rungs! {
     Multigrid Pressure "multigrid" NO_SHADER, None,
         "V-cycles over ever coarser grids"
         keeps "little divergence, by a fixed factor less a cycle";
-    Direct Pressure "direct" NO_SHADER, None,
+    Direct Pressure "direct" Devices::Both, None,
         "FFT in x and y, tridiagonal in z"
         keeps "no divergence but rounding";
     NoSubgrid Subgrid "none" Devices::Both, None,
@@ -329,13 +343,13 @@ rungs! {
     ConstantViscosity Subgrid "constant_viscosity" NO_SHADER, None,
         "one viscosity and one diffusivity everywhere"
         keeps "sums of momentum, heat and water";
-    SmagorinskyLilly Subgrid "smagorinsky_lilly" NO_SHADER, None,
+    SmagorinskyLilly Subgrid "smagorinsky_lilly" Devices::Both, None,
         "viscosity from strain and stability"
         keeps "sums of momentum, heat and water";
     NoMicrophysics Microphysics "none" Devices::Both, None,
         "no water"
         keeps "all";
-    SaturationAdjustment Microphysics "saturation_adjustment" NO_SHADER, None,
+    SaturationAdjustment Microphysics "saturation_adjustment" Devices::Both, None,
         "what is above saturation is cloud"
         keeps "water and energy";
 }
@@ -387,12 +401,35 @@ pub struct PassInfo {
     pub reads: &'static [Field],
     /// Fields it writes.
     pub writes: &'static [Field],
+    /// Largest difference between the devices, over the root mean square of what is written, and why it is that large.
+    pub tolerance: (f64, &'static str),
     /// One line: what it does.
     pub what: &'static str,
 }
 
+const SAME: (f64, &str) = (
+    1e-6,
+    "the same operations, in which a device may join multiplications and additions",
+);
+const DIFFERENCES: (f64, &str) = (
+    3e-5,
+    "differences of nearly equal numbers are divided by small distances: rounding of the fields counts for more",
+);
+const WENO: (f64, &str) = (
+    1e-4,
+    "weights are ratios of fourth powers of differences, so that rounding shifts them; the face value hardly moves",
+);
+const POWERS: (f64, &str) = (
+    1e-4,
+    "exponential and powers are good to a few units in the last place on a GPU; condensed water is a difference",
+);
+const SPECTRAL: (f64, &str) = (
+    2e-5,
+    "another order of summation in the transforms, and twiddles by table",
+);
+
 macro_rules! passes {
-    ($($id:ident $name:literal $phase:ident needs [$($need:ident),*] unless $unless:expr, $(rungs [$($rung:ident),*],)? reads [$($read:ident),*] writes [$($write:ident),*] $what:literal;)*) => {
+    ($($id:ident $name:literal $phase:ident needs [$($need:ident),*] unless $unless:expr, $(rungs [$($rung:ident),*],)? reads [$($read:ident),*] writes [$($write:ident),*] within $tolerance:ident $what:literal;)*) => {
         /// A pass: a stage applied to named fields, in the order in which passes run.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
         pub enum Pass { $(#[doc = $what] $id),* }
@@ -405,7 +442,8 @@ macro_rules! passes {
                     const INFO: PassInfo = PassInfo {
                         name: $name, phase: Phase::$phase, needs: &[$(Effect::$need),*], unless: $unless,
                         rungs: &[$($(Rung::$rung),*)?],
-                        reads: &[$(Field::$read),*], writes: &[$(Field::$write),*], what: $what,
+                        reads: &[$(Field::$read),*], writes: &[$(Field::$write),*],
+                        tolerance: $tolerance, what: $what,
                     };
                     &INFO
                 }),* }
@@ -416,52 +454,52 @@ macro_rules! passes {
 
 passes! {
     SlowClear "slow_clear" Step needs [Flow] unless None,
-        reads [] writes [SlowVelocityX, SlowVelocityY, SlowVelocityZ, SlowHeat, SlowWater] "sets the tendencies that are held over a substep to 0";
+        reads [] writes [SlowVelocityX, SlowVelocityY, SlowVelocityZ, SlowHeat, SlowWater] within SAME "sets the tendencies that are held over a substep to 0";
     StepSaturation "saturation_adjustment:step" Step needs [Turbulence, Moisture] unless None, rungs [SmagorinskyLilly],
-        reads [Heat, Water] writes [Buoyancy, CloudWater] "cloud water and buoyancy for the eddy viscosity's stability";
+        reads [Heat, Water] writes [Buoyancy, CloudWater] within POWERS "cloud water and buoyancy for the eddy viscosity's stability";
     StepDryBuoyancy "dry_buoyancy:step" Step needs [Turbulence, Heat] unless Some(Effect::Moisture), rungs [SmagorinskyLilly],
-        reads [Heat] writes [Buoyancy] "buoyancy for the eddy viscosity's stability";
+        reads [Heat] writes [Buoyancy] within SAME "buoyancy for the eddy viscosity's stability";
     EddyViscosity "eddy_viscosity" Step needs [Turbulence] unless None, rungs [SmagorinskyLilly],
-        reads [VelocityX, VelocityY, VelocityZ, Buoyancy] writes [EddyViscosity] "Smagorinsky-Lilly viscosity from strain and stability";
+        reads [VelocityX, VelocityY, VelocityZ, Buoyancy] writes [EddyViscosity] within DIFFERENCES "Smagorinsky-Lilly viscosity from strain and stability";
     DiffuseMomentum "diffuse_momentum" Step needs [Turbulence] unless None, rungs [SmagorinskyLilly],
-        reads [VelocityX, VelocityY, VelocityZ, EddyViscosity] writes [SlowVelocityX, SlowVelocityY, SlowVelocityZ] "mixing of momentum by eddies smaller than a cell";
+        reads [VelocityX, VelocityY, VelocityZ, EddyViscosity] writes [SlowVelocityX, SlowVelocityY, SlowVelocityZ] within DIFFERENCES "mixing of momentum by eddies smaller than a cell";
     DiffuseHeat "diffuse_scalar:heat" Step needs [Turbulence, Heat] unless None, rungs [SmagorinskyLilly],
-        reads [Heat, EddyViscosity] writes [SlowHeat] "mixing of heat by eddies smaller than a cell";
+        reads [Heat, EddyViscosity] writes [SlowHeat] within DIFFERENCES "mixing of heat by eddies smaller than a cell";
     DiffuseWater "diffuse_scalar:water" Step needs [Turbulence, Moisture] unless None, rungs [SmagorinskyLilly],
-        reads [Water, EddyViscosity] writes [SlowWater] "mixing of water by eddies smaller than a cell";
+        reads [Water, EddyViscosity] writes [SlowWater] within DIFFERENCES "mixing of water by eddies smaller than a cell";
     SurfaceFlux "surface_flux" Step needs [Surface] unless None,
-        reads [VelocityX, VelocityY] writes [SlowVelocityX, SlowVelocityY, SlowHeat, SlowWater] "heat and moisture from the ground, and its drag, into the lowest level";
+        reads [VelocityX, VelocityY] writes [SlowVelocityX, SlowVelocityY, SlowHeat, SlowWater] within SAME "heat and moisture from the ground, and its drag, into the lowest level";
     Coriolis "coriolis" Step needs [Coriolis] unless None,
-        reads [VelocityX, VelocityY] writes [SlowVelocityX, SlowVelocityY] "turns the wind's departure from the geostrophic one";
+        reads [VelocityX, VelocityY] writes [SlowVelocityX, SlowVelocityY] within SAME "turns the wind's departure from the geostrophic one";
     LargeScaleHeat "large_scale:heat" Step needs [LargeScale, Heat] unless None,
-        reads [Heat] writes [SlowHeat] "subsidence and radiation";
+        reads [Heat] writes [SlowHeat] within SAME "subsidence and radiation";
     LargeScaleWater "large_scale:water" Step needs [LargeScale, Moisture] unless None,
-        reads [Water] writes [SlowWater] "subsidence and moistening";
+        reads [Water] writes [SlowWater] within SAME "subsidence and moistening";
     LargeScaleMomentum "large_scale:momentum" Step needs [LargeScale, Flow] unless None,
-        reads [VelocityX, VelocityY] writes [SlowVelocityX, SlowVelocityY] "subsidence of momentum";
+        reads [VelocityX, VelocityY] writes [SlowVelocityX, SlowVelocityY] within SAME "subsidence of momentum";
     Sponge "sponge" Step needs [Sponge] unless None,
-        reads [VelocityX, VelocityY, VelocityZ, Heat] writes [SlowVelocityX, SlowVelocityY, SlowVelocityZ, SlowHeat] "damps waves under the lid";
+        reads [VelocityX, VelocityY, VelocityZ, Heat] writes [SlowVelocityX, SlowVelocityY, SlowVelocityZ, SlowHeat] within SAME "damps waves under the lid";
     Saturation "saturation_adjustment" Stage needs [Moisture] unless None, rungs [SaturationAdjustment],
-        reads [Heat, Water] writes [Buoyancy, CloudWater] "condenses what is above saturation; buoyancy from virtual potential temperature with loading";
+        reads [Heat, Water] writes [Buoyancy, CloudWater] within POWERS "condenses what is above saturation; buoyancy from virtual potential temperature with loading";
     DryBuoyancy "dry_buoyancy" Stage needs [Heat] unless Some(Effect::Moisture),
-        reads [Heat] writes [Buoyancy] "buoyancy from potential temperature";
+        reads [Heat] writes [Buoyancy] within SAME "buoyancy from potential temperature";
     AdvectHeat "advect_scalar:heat" Stage needs [Heat] unless None, rungs [FluxForm],
-        reads [VelocityX, VelocityY, VelocityZ, Heat, StartHeat, SlowHeat] writes [NextHeat] "carries heat, flux form, WENO5";
+        reads [VelocityX, VelocityY, VelocityZ, Heat, StartHeat, SlowHeat] writes [NextHeat] within WENO "carries heat, flux form, WENO5";
     AdvectWater "advect_scalar:water" Stage needs [Moisture] unless None, rungs [FluxForm],
-        reads [VelocityX, VelocityY, VelocityZ, Water, StartWater, SlowWater] writes [NextWater] "carries water, flux form, WENO5";
+        reads [VelocityX, VelocityY, VelocityZ, Water, StartWater, SlowWater] writes [NextWater] within WENO "carries water, flux form, WENO5";
     AdvectMomentum "advect_momentum" Stage needs [Flow] unless None, rungs [FluxForm],
         reads [VelocityX, VelocityY, VelocityZ, StartVelocityX, StartVelocityY, StartVelocityZ, SlowVelocityX, SlowVelocityY, SlowVelocityZ, Buoyancy]
-        writes [NextVelocityX, NextVelocityY, NextVelocityZ] "carries momentum, flux form, fifth-order upwind, and adds buoyancy";
+        writes [NextVelocityX, NextVelocityY, NextVelocityZ] within DIFFERENCES "carries momentum, flux form, fifth-order upwind, and adds buoyancy";
     CloudyAscent "cloudy_ascent" Stage needs [Moisture] unless None, rungs [SaturationAdjustment],
-        reads [VelocityZ, CloudWater] writes [NextHeat] "what liquid-water potential temperature loses as cloudy air rises; after it has been carried";
+        reads [VelocityZ, CloudWater] writes [NextHeat] within SAME "what liquid-water potential temperature loses as cloudy air rises; after it has been carried";
     PressureSolve "pressure_solve" Stage needs [Flow] unless None, rungs [Direct],
-        reads [NextVelocityX, NextVelocityY, NextVelocityZ] writes [Pressure] "the pressure that frees the mass flux of divergence: FFT in x, y and tridiagonal in z";
+        reads [NextVelocityX, NextVelocityY, NextVelocityZ] writes [Pressure] within SPECTRAL "the pressure that frees the mass flux of divergence: FFT in x, y and tridiagonal in z";
     Project "project" Stage needs [Flow] unless None,
-        reads [Pressure] writes [NextVelocityX, NextVelocityY, NextVelocityZ] "subtracts the pressure gradient; the stage's result becomes the state";
+        reads [Pressure] writes [NextVelocityX, NextVelocityY, NextVelocityZ] within SAME "subtracts the pressure gradient; the stage's result becomes the state";
     PublishSaturation "saturation_adjustment:publish" Publish needs [Moisture] unless None, rungs [SaturationAdjustment],
-        reads [Heat, Water] writes [Buoyancy, CloudWater] "cloud water of the tick's last state";
+        reads [Heat, Water] writes [Buoyancy, CloudWater] within POWERS "cloud water of the tick's last state";
     CloudExtinction "cloud_extinction" Publish needs [Moisture] unless None,
-        reads [CloudWater] writes [Extinction] "what light meets: extinction from cloud water and droplet number";
+        reads [CloudWater] writes [Extinction] within POWERS "what light meets: extinction from cloud water and droplet number";
 }
 
 /// A stage of light or view: it runs for a picture, on a published cloud, outside the tick, and writes no field of the state.

@@ -1,7 +1,10 @@
 //! What a device is: it owns fields and runs passes. The tick's logic is above it, the same for every device.
 
+use std::borrow::Cow;
+
 use crate::catalogue::{Field, Pass};
 use crate::cpu::sim::Parameters;
+use crate::gpu::GpuError;
 
 /// Which part of a substep is being computed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,19 +84,34 @@ pub trait Device: Send {
     fn run(&mut self, pass: Pass, substep: &Substep);
     /// Makes a stage's result the state. In stage 0 the old state becomes the substep's start.
     fn accept(&mut self, stage: usize);
-    /// Reductions over the state.
+    /// Reductions over the state; on a device that [lags](Device::lags) over the state at the call before.
     fn reduce(&mut self) -> Reductions;
-    /// A field's values, `[z][y][x]`; none if the plan doesn't hold it.
-    fn read(&self, field: Field) -> Option<&[f32]>;
+    /// A field's values, `[z][y][x]`; none if the plan doesn't hold it or the device is lost. Waits for a device that lags.
+    fn read(&self, field: Field) -> Option<Cow<'_, [f32]>>;
     /// Replaces a field's values; `false` (and nothing written) if the plan doesn't hold the field or the length differs.
     fn write(&mut self, field: Field, values: &[f32]) -> bool;
-    /// Reductions over the cloud, valid after the publish passes; none if the plan has no cloud.
+    /// Reductions over the cloud, valid after the publish passes and after [`Device::vitals`]; none if the plan has no cloud. Lags as
+    /// [`Device::reduce`] does.
     fn reduce_cloud(&mut self) -> Option<CloudReductions>;
+    /// Whether reductions are answered one call late, so that nothing waits.
+    fn lags(&self) -> bool {
+        false
+    }
+    /// Makes the next reductions those of the state as it is then.
+    fn settle(&mut self) {}
+    /// How often a pass ran and how long in all, s, where the device has a clock of its own.
+    fn pass_time(&self, _pass: Pass) -> Option<(u64, f64)> {
+        None
+    }
+    /// What went wrong with the device for good, if anything has.
+    fn trouble(&self) -> Option<GpuError> {
+        None
+    }
     /// Replaces the parameters of effects and the base wind; the grid and the reference state stay.
     fn set_parameters(&mut self, parameters: &Parameters);
     /// Bytes held beside fields: a pressure solver's factors and spectra.
     fn solver_bytes(&self) -> usize;
-    /// What a tick's end is judged by; the extinction counts once the publish passes have run.
+    /// What a tick's end is judged by; the extinction counts once the publish passes have run. Lags as [`Device::reduce`] does.
     fn vitals(&mut self) -> Vitals;
     /// Copies what a continuation needs, the fields of the state, to `slot`: a place on the device, made at the first use.
     fn save(&mut self, slot: usize);

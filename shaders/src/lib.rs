@@ -6,8 +6,10 @@ pub mod catalogue;
 pub mod constants;
 pub mod cpu;
 pub mod device;
+pub mod gpu;
 pub mod grid;
 pub mod volume;
+pub mod wgsl;
 
 pub use device::{CloudReductions, Device, Reductions, Substep, Vitals};
 pub use grid::Grid;

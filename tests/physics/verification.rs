@@ -140,7 +140,7 @@ fn every_sounding_rests_for_an_hour() {
         let mut world = World::new(scene, None).expect("a world");
         let before = field(&world, Field::VelocityX);
         let most = |values: &[f32]| values.iter().map(|v| v.abs()).fold(0.0, f32::max);
-        let heat_before = world.device().read(Field::Heat).map(<[f32]>::to_vec);
+        let heat_before = world.device().read(Field::Heat).map(|h| h.into_owned());
         world.advance_to(3600.0, |_| true);
         let up = most(&field(&world, Field::VelocityZ));
         let wind: Vec<f32> = field(&world, Field::VelocityX)

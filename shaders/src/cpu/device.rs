@@ -1,5 +1,7 @@
 //! The CPU device: owns the fields and runs passes on them.
 
+use std::borrow::Cow;
+
 use rayon::prelude::*;
 
 use super::fields::Fields;
@@ -262,13 +264,10 @@ impl Device for Cpu {
     }
 
     fn accept(&mut self, stage: usize) {
-        for (state, start, next) in [
-            (Field::VelocityX, Field::StartVelocityX, Field::NextVelocityX),
-            (Field::VelocityY, Field::StartVelocityY, Field::NextVelocityY),
-            (Field::VelocityZ, Field::StartVelocityZ, Field::NextVelocityZ),
-            (Field::Heat, Field::StartHeat, Field::NextHeat),
-            (Field::Water, Field::StartWater, Field::NextWater),
-        ] {
+        for state in Field::STATE {
+            let (Some(start), Some(next)) = (state.start(), state.next()) else {
+                continue;
+            };
             // A method of one stage may not ask for the start: then the old state is overwritten by the next stage.
             if stage == 0 && self.fields.planned(start).is_some() {
                 self.fields.swap(state, start);
@@ -289,8 +288,8 @@ impl Device for Cpu {
         reductions
     }
 
-    fn read(&self, field: Field) -> Option<&[f32]> {
-        self.fields.planned(field)
+    fn read(&self, field: Field) -> Option<Cow<'_, [f32]>> {
+        self.fields.planned(field).map(Cow::Borrowed)
     }
 
     fn write(&mut self, field: Field, values: &[f32]) -> bool {

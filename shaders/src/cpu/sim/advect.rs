@@ -74,6 +74,13 @@ pub struct Carried<'a> {
     pub zero_at_lid: bool,
 }
 
+crate::constants! {
+    /// Keeps 0/0 away in WENO's weights where the carried field is constant.
+    const ROUGHNESS_FLOOR: f32 = 1e-20;
+    /// Keeps the square of WENO's ratio inside f32, and still weighs a rough stencil out.
+    const ROUGHNESS_RATIO_MAX: f32 = 1e6;
+}
+
 /// Fifth-order upwind-biased flux; `q` are the six values around the face, from the west.
 #[inline(always)]
 fn upwind5(q: [f32; 6], speed: f32) -> f32 {
@@ -110,11 +117,9 @@ fn weno5(q: [f32; 6], speed: f32) -> f32 {
     let rough1 = BEND * bend1 * bend1 + 0.25 * slope1 * slope1;
     let rough2 = BEND * bend2 * bend2 + 0.25 * slope2 * slope2;
     let tau = (rough0 - rough2).abs();
-    // The floor keeps 0/0 away where q is constant; the cap keeps the square inside f32 and still weighs a rough stencil out.
-    const FLOOR: f32 = 1e-20;
-    let ratio0 = (tau / (rough0 + FLOOR)).min(1e6);
-    let ratio1 = (tau / (rough1 + FLOOR)).min(1e6);
-    let ratio2 = (tau / (rough2 + FLOOR)).min(1e6);
+    let ratio0 = (tau / (rough0 + ROUGHNESS_FLOOR)).min(ROUGHNESS_RATIO_MAX);
+    let ratio1 = (tau / (rough1 + ROUGHNESS_FLOOR)).min(ROUGHNESS_RATIO_MAX);
+    let ratio2 = (tau / (rough2 + ROUGHNESS_FLOOR)).min(ROUGHNESS_RATIO_MAX);
     let w0 = 0.1 * (1.0 + ratio0 * ratio0);
     let w1 = 0.6 * (1.0 + ratio1 * ratio1);
     let w2 = 0.3 * (1.0 + ratio2 * ratio2);

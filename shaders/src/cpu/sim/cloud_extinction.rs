@@ -10,25 +10,31 @@ use rayon::prelude::*;
 use super::parameters::Parameters;
 use crate::constants::WATER_DENSITY_KG_M3;
 
-/// Cube of volume-mean over effective radius.
-const RADIUS_RATIO_CUBED: f64 = 0.8;
-/// Cloud water below this is not drawn: less than a thousandth of a thin cloud's, rounding of the adjustment.
-const CLOUD_WATER_MIN: f32 = 1e-7;
+crate::constants! {
+    /// Cube of volume-mean over effective radius.
+    const RADIUS_RATIO_CUBED: f64 = 0.8;
+    /// Cloud water below this is not drawn: less than a thousandth of a thin cloud's, rounding of the adjustment.
+    const CLOUD_WATER_MIN: f32 = 1e-7;
+}
+
+/// Extinction over (cloud water)^(2/3) at level `z`, 1/m: `r_e = (a q)^(1/3)`, `beta = b q / r_e`.
+pub fn scale(parameters: &Parameters, z: usize) -> f32 {
+    let density = parameters.density_kg_m3[z] as f64;
+    let number = parameters.droplet_number_per_m3 as f64;
+    let a = 3.0 * density / (4.0 * std::f64::consts::PI * WATER_DENSITY_KG_M3 * RADIUS_RATIO_CUBED * number);
+    let b = 1.5 * density / WATER_DENSITY_KG_M3;
+    (b / a.cbrt()) as f32
+}
 
 /// Runs the stage over all levels.
 pub fn run(parameters: &Parameters, cloud_water: &[f32], extinction: &mut [f32]) {
     let plane = parameters.grid.plane();
-    let number = parameters.droplet_number_per_m3 as f64;
     extinction
         .par_chunks_mut(plane)
         .zip(cloud_water.par_chunks(plane))
         .enumerate()
         .for_each(|(z, (extinction, cloud_water))| {
-            let density = parameters.density_kg_m3[z] as f64;
-            // beta = scale q^(2/3): r_e = (a q)^(1/3), beta = b q / r_e.
-            let a = 3.0 * density / (4.0 * std::f64::consts::PI * WATER_DENSITY_KG_M3 * RADIUS_RATIO_CUBED * number);
-            let b = 1.5 * density / WATER_DENSITY_KG_M3;
-            let scale = (b / a.cbrt()) as f32;
+            let scale = scale(parameters, z);
             for (e, &q) in extinction.iter_mut().zip(cloud_water) {
                 *e = if q > CLOUD_WATER_MIN {
                     let root = q.cbrt();

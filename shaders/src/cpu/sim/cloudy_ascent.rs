@@ -15,7 +15,7 @@ use super::parameters::Parameters;
 use crate::constants as c;
 
 /// `(L / c_p) d(1/Pi)/dz` at the lower face of level `z`, K/m; 0 at ground and lid, where w is 0.
-fn rate_at_face(parameters: &Parameters, z: usize) -> f32 {
+pub fn rate_at_face(parameters: &Parameters, z: usize) -> f32 {
     if z == 0 || z == parameters.grid.cells[2] {
         return 0.0;
     }

@@ -11,6 +11,16 @@ use rayon::prelude::*;
 use super::parameters::Parameters;
 use super::slab::{SLAB_LEVELS, ahead, back, for_row, row, slab_len};
 use crate::constants::{GRAVITY_M_S2, VON_KARMAN};
+use crate::grid::Grid;
+
+/// Square of the mixing length at level `z`, with the wall's damping, m2.
+#[inline]
+pub fn length_squared_m2(grid: &Grid, coefficient: f32, z: usize) -> f32 {
+    let [dx, dy, dz] = grid.cell_size_m;
+    let plain = coefficient * (dx * dy * dz).cbrt();
+    let wall = VON_KARMAN as f32 * grid.centre_height_m(z) as f32;
+    1.0 / (1.0 / (plain * plain) + 1.0 / (wall * wall))
+}
 
 #[multiversion::multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl+fma",
@@ -30,9 +40,7 @@ fn level(
     let [nx, ny, levels] = grid.cells;
     let [dx, dy, dz] = grid.cell_size_m;
     let [rx, ry, rz] = [1.0 / dx, 1.0 / dy, 1.0 / dz];
-    let plain = coefficient * (dx * dy * dz).cbrt();
-    let wall = VON_KARMAN as f32 * grid.centre_height_m(z) as f32;
-    let length_squared = 1.0 / (1.0 / (plain * plain) + 1.0 / (wall * wall));
+    let length_squared = length_squared_m2(grid, coefficient, z);
     let [u, v, w] = velocity;
     let (z_below, z_above) = (z.saturating_sub(1), (z + 1).min(levels - 1));
     let lid = if z + 1 < levels { 1.0 } else { 0.0 };

@@ -52,7 +52,6 @@ impl Solver {
     pub fn new(parameters: &Parameters) -> Self {
         let grid = &parameters.grid;
         let [nx, ny, levels] = grid.cells;
-        let [dx, dy, dz] = grid.cell_size_m.map(f64::from);
         let half = nx / 2 + 1;
         let block_count = half.div_ceil(BLOCK);
         let mut real = RealFftPlanner::<f32>::new();
@@ -60,33 +59,11 @@ impl Solver {
         let mut complex = FftPlanner::<f32>::new();
         let (forward_y, inverse_y) = (complex.plan_fft_forward(ny), complex.plan_fft_inverse(ny));
 
-        let face = |z: usize| parameters.density_at_z_face_kg_m3[z] as f64 / (dz * dz);
-        let below: Vec<f64> = (0..levels).map(|z| if z > 0 { face(z) } else { 0.0 }).collect();
-        let above: Vec<f64> = (0..levels)
-            .map(|z| if z + 1 < levels { face(z + 1) } else { 0.0 })
-            .collect();
-        let wave = |m: usize, n: usize, d: f64| {
-            (2.0 - 2.0 * (2.0 * std::f64::consts::PI * m as f64 / n as f64).cos()) / (d * d)
-        };
         let mut pivots = vec![0.0f32; block_count * levels * BLOCK * ny];
-        for m in 0..half {
-            for j in 0..ny {
-                let horizontal = wave(m, nx, dx) + wave(j, ny, dy);
-                let mut previous = 0.0;
-                for z in 0..levels {
-                    let diagonal = -(below[z] + above[z]) - parameters.density_kg_m3[z] as f64 * horizontal;
-                    let pivot = if z == 0 {
-                        diagonal
-                    } else {
-                        diagonal - below[z] * above[z - 1] * previous
-                    };
-                    // The mean mode's last pivot is 0 but for rounding: its level is pinned to 0 instead.
-                    let pinned = m == 0 && j == 0 && z + 1 == levels;
-                    previous = if pinned { 0.0 } else { 1.0 / pivot };
-                    pivots[((m / BLOCK * levels + z) * BLOCK + m % BLOCK) * ny + j] = previous as f32;
-                }
-            }
-        }
+        for_each_pivot(parameters, |m, j, z, pivot| {
+            pivots[((m / BLOCK * levels + z) * BLOCK + m % BLOCK) * ny + j] = pivot;
+        });
+        let [below, above] = couplings(parameters);
         let fft_scratch = real_to_complex.get_scratch_len().max(complex_to_real.get_scratch_len());
         let y_scratch = forward_y
             .get_inplace_scratch_len()
@@ -189,6 +166,46 @@ impl Solver {
                         .process_with_scratch(spectrum, out, &mut scratch.fft);
                 }
             });
+    }
+}
+
+/// Couplings of each level to the one below and the one above, kg/m5.
+fn couplings(parameters: &Parameters) -> [Vec<f64>; 2] {
+    let levels = parameters.grid.cells[2];
+    let dz = parameters.grid.cell_size_m[2] as f64;
+    let face = |z: usize| parameters.density_at_z_face_kg_m3[z] as f64 / (dz * dz);
+    [
+        (0..levels).map(|z| if z > 0 { face(z) } else { 0.0 }).collect(),
+        (0..levels)
+            .map(|z| if z + 1 < levels { face(z + 1) } else { 0.0 })
+            .collect(),
+    ]
+}
+
+/// One over the pivots of Thomas' algorithm, made in f64: calls `put` with the wave numbers in x (half of them) and y, the level and the value.
+pub fn for_each_pivot(parameters: &Parameters, mut put: impl FnMut(usize, usize, usize, f32)) {
+    let [nx, ny, levels] = parameters.grid.cells;
+    let [dx, dy, _] = parameters.grid.cell_size_m.map(f64::from);
+    let [below, above] = couplings(parameters);
+    let wave =
+        |m: usize, n: usize, d: f64| (2.0 - 2.0 * (2.0 * std::f64::consts::PI * m as f64 / n as f64).cos()) / (d * d);
+    for m in 0..nx / 2 + 1 {
+        for j in 0..ny {
+            let horizontal = wave(m, nx, dx) + wave(j, ny, dy);
+            let mut previous = 0.0;
+            for z in 0..levels {
+                let diagonal = -(below[z] + above[z]) - parameters.density_kg_m3[z] as f64 * horizontal;
+                let pivot = if z == 0 {
+                    diagonal
+                } else {
+                    diagonal - below[z] * above[z - 1] * previous
+                };
+                // The mean mode's last pivot is 0 but for rounding: its level is pinned to 0 instead.
+                let pinned = m == 0 && j == 0 && z + 1 == levels;
+                previous = if pinned { 0.0 } else { 1.0 / pivot };
+                put(m, j, z, previous as f32);
+            }
+        }
     }
 }
 

@@ -8,17 +8,24 @@ use rayon::prelude::*;
 use super::parameters::Parameters;
 use crate::device::CloudReductions;
 
-/// Cloud water that counts as cloud, kg/kg.
-const CLOUDY_KG_PER_KG: f32 = 1e-6;
+crate::constants! {
+    /// Cloud water that counts as cloud, kg/kg.
+    pub const CLOUDY_KG_PER_KG: f32 = 1e-6;
+}
 
-/// One level's part.
+/// One level's sums over its cells.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Level {
-    cloudy: bool,
-    lit: bool,
-    liquid: f64,
-    water: f64,
-    momentum: [f64; 2],
+    /// Whether any cell counts as cloud.
+    pub cloudy: bool,
+    /// Whether any cell has extinction.
+    pub lit: bool,
+    /// Cloud water, kg/kg.
+    pub liquid: f64,
+    /// Total water, kg/kg.
+    pub water: f64,
+    /// Cloud water times the wind east and north, kg/kg m/s.
+    pub momentum: [f64; 2],
 }
 
 /// Rate at which the ground and the larger weather change the mean path of all water, kg/m2/s, by the sums of water a level. Both are linear in
@@ -58,7 +65,6 @@ pub fn run(
 ) -> CloudReductions {
     let grid = &parameters.grid;
     let plane = grid.plane();
-    let dz = grid.cell_size_m[2] as f64;
     levels.par_iter_mut().enumerate().for_each(|(z, out)| {
         let at = z * plane..(z + 1) * plane;
         let (cloud, u, v) = (&cloud[at.clone()], &wind[0][at.clone()], &wind[1][at.clone()]);
@@ -87,6 +93,13 @@ pub fn run(
                 .count()
         })
         .sum();
+    join(parameters, levels, columns)
+}
+
+/// Joins the levels' sums, in order, and the number of columns with cloud.
+pub fn join(parameters: &Parameters, levels: &[Level], columns: usize) -> CloudReductions {
+    let plane = parameters.grid.plane();
+    let dz = parameters.grid.cell_size_m[2] as f64;
     let mut total = CloudReductions {
         cover: columns as f64 / plane as f64,
         water_source_kg_m2_s: water_source_kg_m2_s(parameters, levels),

@@ -14,10 +14,16 @@ use super::slab::{SLAB_LEVELS, slab_len};
 use crate::constants as c;
 use crate::cpu::math::exp;
 
-const LATENT_OVER_CP: f32 = (c::LATENT_HEAT_VAPORISATION / c::HEAT_CAPACITY_DRY_AIR) as f32;
-const VAPOUR_LIGHTNESS: f32 = (1.0 / c::EPSILON - 1.0) as f32;
-const ONE_LESS_EPSILON: f32 = (1.0 - c::EPSILON) as f32;
-const NEWTON_STEPS: usize = 4;
+crate::constants! {
+    /// Latent heat over the heat capacity, K.
+    const LATENT_OVER_CP: f32 = (c::LATENT_HEAT_VAPORISATION / c::HEAT_CAPACITY_DRY_AIR) as f32;
+    /// How much lighter vapour is than air.
+    const VAPOUR_LIGHTNESS: f32 = (1.0 / c::EPSILON - 1.0) as f32;
+    /// 1 less the ratio of the gas constants.
+    const ONE_LESS_EPSILON: f32 = (1.0 - c::EPSILON) as f32;
+    /// Steps of Newton's method, the linearised start counted.
+    const NEWTON_STEPS: usize = 4;
+}
 
 /// Saturation specific humidity (kg/kg) and its slope by temperature (1/K), by Bolton's vapour pressure.
 #[inline(always)]

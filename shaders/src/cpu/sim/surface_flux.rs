@@ -7,8 +7,10 @@
 use super::parameters::Parameters;
 use super::slab::{ahead, back, for_row, row};
 
-/// Wind below which the drag falls linearly to 0, m/s.
-const CALM_M_S: f32 = 0.1;
+crate::constants! {
+    /// Wind below which the drag falls linearly to 0, m/s.
+    const CALM_M_S: f32 = 0.1;
+}
 
 /// Runs the stage; nothing if the parameters have no surface.
 pub fn run(

@@ -1,0 +1,57 @@
+//! The GPU device: the same stages in WGSL, run through wgpu.
+//!
+//! Within WebGPU's default limits (8 storage buffers a stage, 256 invocations a workgroup, 16 KiB of its memory); larger buffers are used where the
+//! adapter has them. No subgroups and no 16-bit floats are required.
+
+pub mod context;
+mod device;
+pub mod dispatches;
+pub mod error;
+pub mod kernel;
+pub mod pressure;
+pub mod profiles;
+pub mod readback;
+
+pub use context::{AdapterChoice, AdapterReport, Context};
+pub use device::Gpu;
+pub use error::GpuError;
+pub use kernel::{Bind, Kernel};
+
+use crate::cpu::sim::{advect, cloud_extinction, reduce_cloud, saturation_adjustment, surface_flux};
+use crate::wgsl::Module;
+
+macro_rules! modules {
+    ($($name:literal constants [$($constants:path),* $(,)?] structs [$($layout:expr),* $(,)?];)*) => {
+        /// Every WGSL module: its file and what is generated before it.
+        pub const MODULES: &[Module] = &[$(Module {
+            name: $name,
+            text: include_str!(concat!("../../wgsl/", $name, ".wgsl")),
+            constants: &[$($constants),*],
+            structs: &[$($layout),*],
+        }),*];
+    };
+}
+
+modules! {
+    "shared/constants" constants [crate::constants::WGSL] structs [];
+    "shared/grid" constants [profiles::WGSL, profiles::holds::WGSL] structs [profiles::Sim::LAYOUT, profiles::Step::LAYOUT];
+    "shared/advect" constants [advect::WGSL] structs [];
+    "sim/saturation_adjustment" constants [saturation_adjustment::WGSL] structs [];
+    "sim/dry_buoyancy" constants [] structs [];
+    "sim/eddy_viscosity" constants [] structs [];
+    "sim/diffuse_momentum" constants [] structs [];
+    "sim/diffuse_scalar" constants [] structs [];
+    "sim/surface_flux" constants [surface_flux::WGSL] structs [];
+    "sim/coriolis" constants [] structs [];
+    "sim/large_scale" constants [] structs [];
+    "sim/sponge" constants [] structs [];
+    "sim/advect_scalar" constants [] structs [];
+    "sim/advect_momentum" constants [] structs [];
+    "sim/cloudy_ascent" constants [] structs [];
+    "sim/pressure_solve" constants [pressure::WGSL] structs [pressure::Transforms::LAYOUT];
+    "sim/project" constants [] structs [];
+    "sim/cloud_extinction" constants [cloud_extinction::WGSL] structs [];
+    "sim/reduce" constants [readback::WGSL] structs [];
+    "sim/vitals" constants [readback::WGSL] structs [];
+    "sim/reduce_cloud" constants [readback::WGSL, reduce_cloud::WGSL] structs [];
+}

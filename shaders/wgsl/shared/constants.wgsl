@@ -1,0 +1,1 @@
+// Physical constants alone: all of them are generated.

@@ -1,0 +1,26 @@
+//! What twin tests share: an adapter, or a loud skip.
+
+use std::sync::Arc;
+
+use welkin_shaders::gpu::{AdapterChoice, Context};
+
+/// Any adapter, software too. Without one the test is skipped loudly, or fails where `WELKIN_REQUIRE` names `gpu`.
+pub fn adapter(test: &str) -> Option<Arc<Context>> {
+    match Context::open(&AdapterChoice::Any) {
+        Ok(context) => Some(context),
+        Err(error) => {
+            let required = std::env::var("WELKIN_REQUIRE").is_ok_and(|r| r.split(',').any(|r| r.trim() == "gpu"));
+            assert!(!required, "WELKIN_REQUIRE names gpu, and {error}");
+            eprintln!("SKIPPED {test}: {error}");
+            None
+        }
+    }
+}
+
+/// Numbers in [-1, 1) that look random, by seed and place; never 0.
+pub fn noise(seed: u32, i: usize) -> f32 {
+    let mut h = (i as u32).wrapping_mul(0x9e37_79b9) ^ seed.wrapping_mul(0x85eb_ca6b) ^ 0x5bd1_e995;
+    h = (h ^ (h >> 15)).wrapping_mul(0x85eb_ca6b);
+    h = (h ^ (h >> 13)).wrapping_mul(0xc2b2_ae35);
+    ((h ^ (h >> 16)) | 1) as f32 / 2_147_483_648.0 - 1.0
+}

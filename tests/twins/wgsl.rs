@@ -1,0 +1,113 @@
+//! All WGSL, judged without a device: it parses, it is valid, and every shared struct lies in memory as in Rust.
+
+use naga::valid::{Capabilities, ValidationFlags, Validator};
+use welkin_shaders::gpu::MODULES;
+use welkin_shaders::wgsl;
+
+fn parsed(name: &str) -> naga::Module {
+    let source = wgsl::source(name).unwrap_or_else(|| panic!("{name} uses a module that isn't there"));
+    naga::front::wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{name}:\n{}", e.emit_to_string(&source)))
+}
+
+#[test]
+fn every_module_is_valid() {
+    for module in MODULES {
+        let parsed = parsed(module.name);
+        // No capability beyond WebGPU's own is granted.
+        Validator::new(ValidationFlags::all(), Capabilities::empty())
+            .validate(&parsed)
+            .unwrap_or_else(|e| panic!("{}: {e:?}", module.name));
+    }
+}
+
+#[test]
+fn every_file_is_a_module() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shaders/wgsl");
+    for kind in std::fs::read_dir(&folder).expect("the folder of WGSL") {
+        let kind = kind.expect("an entry").path();
+        for file in std::fs::read_dir(&kind).expect("a folder") {
+            let file = file.expect("an entry").path();
+            let name = file.strip_prefix(&folder).expect("inside").with_extension("");
+            let name = name.to_str().expect("a plain name");
+            assert!(wgsl::module(name).is_some(), "{name} is a file that no module names");
+        }
+    }
+}
+
+#[test]
+fn stages_stay_inside_webgpus_default_limits() {
+    for module in MODULES {
+        let parsed = parsed(module.name);
+        for entry in &parsed.entry_points {
+            let [x, y, z] = entry.workgroup_size;
+            assert!(
+                x * y * z <= 256 && z <= 64,
+                "{}: workgroup of {x} x {y} x {z}",
+                module.name
+            );
+        }
+        let storage = parsed
+            .global_variables
+            .iter()
+            .filter(|(_, v)| matches!(v.space, naga::AddressSpace::Storage { .. }));
+        // A module may hold several entry points that bind different buffers at the same places: places count.
+        let mut places: Vec<_> = storage
+            .filter_map(|(_, v)| v.binding.as_ref().map(|b| b.binding))
+            .collect();
+        places.sort_unstable();
+        places.dedup();
+        assert!(places.len() <= 8, "{}: {} storage buffers", module.name, places.len());
+        let workgroup: u32 = parsed
+            .global_variables
+            .iter()
+            .filter(|(_, v)| v.space == naga::AddressSpace::WorkGroup)
+            .map(|(_, v)| parsed.types[v.ty].inner.size(parsed.to_ctx()))
+            .sum();
+        assert!(
+            workgroup <= 16_384,
+            "{}: {workgroup} bytes of workgroup memory",
+            module.name
+        );
+    }
+}
+
+#[test]
+fn structs_lie_in_memory_as_in_rust() {
+    let mut checked = 0;
+    for module in MODULES {
+        if module.structs.is_empty() {
+            continue;
+        }
+        let parsed = parsed(module.name);
+        for layout in module.structs {
+            let (_, found) = parsed
+                .types
+                .iter()
+                .find(|(_, t)| t.name.as_deref() == Some(layout.name))
+                .unwrap_or_else(|| panic!("{} lacks the struct {}", module.name, layout.name));
+            let naga::TypeInner::Struct { members, span } = &found.inner else {
+                panic!("{} is no struct", layout.name);
+            };
+            assert_eq!(*span as usize, layout.size, "size of {}", layout.name);
+            assert_eq!(members.len(), layout.members.len(), "fields of {}", layout.name);
+            for (theirs, ours) in members.iter().zip(layout.members) {
+                assert_eq!(theirs.name.as_deref(), Some(ours.name), "in {}", layout.name);
+                let place = format!("{}.{}", layout.name, ours.name);
+                assert_eq!(theirs.offset as usize, ours.offset, "offset of {place}");
+                let size = parsed.types[theirs.ty].inner.size(parsed.to_ctx()) as usize;
+                assert_eq!(size, ours.size, "size of {place}");
+            }
+            checked += 1;
+        }
+    }
+    assert!(checked > 0, "no struct was checked");
+}
+
+#[test]
+fn constants_have_one_value_everywhere() {
+    let mut seen: std::collections::HashMap<&str, wgsl::Literal> = Default::default();
+    for constant in MODULES.iter().flat_map(|m| m.constants.iter().copied().flatten()) {
+        let first = seen.entry(constant.name).or_insert(constant.value);
+        assert_eq!(*first, constant.value, "{} has two values", constant.name);
+    }
+}
