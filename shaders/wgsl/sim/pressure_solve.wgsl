@@ -135,17 +135,17 @@ fn inverse_x(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
     for (var o = thread; o < n * lines; o += TRANSFORM_THREADS) {
         let row = 2u * (first + o / n);
         let k = o % n;
-        let from = min(k, n - k);
+        let wave = min(k, n - k);
         // The row is real: what is imaginary in its mean and its shortest wave is rounding; other waves appear twice.
         let single = k == 0u || 2u * k == n;
-        let flip = select(select(1.0, -1.0, k > from), 0.0, single);
+        let flip = select(select(1.0, -1.0, k > wave), 0.0, single);
         var pair = vec2<f32>(0.0);
         if row < rows {
-            let a = spectrum[row * half + from];
+            let a = spectrum[row * half + wave];
             pair += vec2<f32>(a.x, flip * a.y);
         }
         if row + 1u < rows {
-            let b = spectrum[(row + 1u) * half + from];
+            let b = spectrum[(row + 1u) * half + wave];
             pair += vec2<f32>(-flip * b.y, b.x);
         }
         line_a[o] = pair;
