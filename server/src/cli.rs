@@ -19,6 +19,7 @@ use welkin_proto::{ApiError, Scene, presets, validate};
 
 use crate::bench::BenchOptions;
 use crate::limits::Limits;
+use crate::machine::{Compute, Machine};
 
 /// Exit code of a command that Ctrl-C has ended, as shells expect it.
 const INTERRUPTED: u8 = 130;
@@ -35,6 +36,7 @@ Examples:
   welkin explain clear-sky-wind                  which passes run, why, and what each costs
   welkin scenes                                  the presets, one line each
   welkin bench --json bench.json                 how fast this machine is
+  welkin bench --device gpu                      how fast its GPU is, pass by pass
 
 SCENE is a preset's name or the path of a JSON document. RUST_LOG sets what is logged.";
 
@@ -79,11 +81,30 @@ struct SceneFlags {
     /// Worker threads; as many as the machine has cores unless given.
     #[arg(long, value_name = "N")]
     threads: Option<std::num::NonZeroUsize>,
+    #[command(flatten)]
+    device: DeviceFlag,
+}
+
+/// The flag that chooses the device.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct DeviceFlag {
+    /// What to compute on: auto (a GPU if there is a real one, else the CPU), cpu, gpu (any adapter, software too), or a part of an
+    /// adapter's name.
+    #[arg(long, value_name = "DEVICE", default_value = "auto")]
+    pub(crate) device: String,
 }
 
 impl SceneFlags {
     fn threads(&self) -> Option<usize> {
         self.threads.map(Into::into)
+    }
+
+    /// What to compute on. Errors: an adapter that isn't there, with those that are.
+    fn machine(&self) -> Result<Machine, Failure> {
+        Ok(Machine {
+            threads: self.threads(),
+            compute: Compute::choose(&self.device.device)?,
+        })
     }
 
     /// Loads a scene, with the sounding in place of its base state if one was given.

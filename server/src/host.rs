@@ -16,6 +16,7 @@ use welkin_proto::report::BaseStateReport;
 use welkin_proto::wire::{Command, PlanReport, WorldSummary};
 use welkin_proto::{ApiError, Scene, validate};
 
+use crate::machine::Machine;
 use crate::picture::{self, StageTime};
 use crate::world::{Snapshot, World};
 
@@ -106,7 +107,8 @@ impl Host {
     /// the async workers.
     ///
     /// Errors: those of [`World::new`]; `internal` where no thread can be started.
-    pub fn spawn(id: &str, scene: Scene, threads: Option<usize>) -> Result<Host, ApiError> {
+    pub fn spawn(id: &str, scene: Scene, machine: impl Into<Machine>) -> Result<Host, ApiError> {
+        let machine = machine.into();
         let (commands, orders) = mpsc::channel();
         let (ready, started) = mpsc::sync_channel(1);
         let frame_ms_bits = Arc::new(AtomicU64::new(f64::NAN.to_bits()));
@@ -115,7 +117,7 @@ impl Host {
         let thread = std::thread::Builder::new()
             .name(format!("world-{id}"))
             .spawn(move || {
-                let world = match World::new(scene, threads) {
+                let world = match World::new(scene, machine) {
                     Ok(world) => world,
                     Err(error) => {
                         let _ = ready.send(Err(error)); // the spawner waits for it and cannot be gone

@@ -7,6 +7,7 @@ pub mod host;
 pub mod http;
 pub mod initial;
 pub mod limits;
+pub mod machine;
 pub mod methods;
 pub mod parameters;
 pub mod picture;

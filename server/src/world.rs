@@ -8,11 +8,11 @@ use welkin_proto::wire::{FieldReport, LadderReport, Numbers, PassReport, PlanRep
 use welkin_proto::{ApiError, Scene};
 use welkin_shaders::catalogue::{Field, Pass, Phase, VIEW_STAGES};
 use welkin_shaders::constants::GRAVITY_M_S2;
-use welkin_shaders::cpu::Cpu;
 use welkin_shaders::cpu::sim::Parameters;
 use welkin_shaders::{CloudReductions, CloudVolume, Device, Reductions, Substep, Vitals};
 
 use crate::base_state::{self, BaseState};
+use crate::machine::Machine;
 use crate::plan::Plan;
 use crate::{initial, parameters, sun};
 
@@ -67,18 +67,19 @@ pub struct Snapshot {
 impl World {
     /// Builds the world of a validated scene: base state, plan, fields, initial state.
     ///
-    /// `threads` bounds the threads that compute; none takes one a core. Errors: those of [`Plan::new`] and of the base state; `bad_time`;
-    /// `internal` where no threads can be started.
-    pub fn new(scene: Scene, threads: Option<usize>) -> Result<Self, ApiError> {
+    /// `machine` is what it computes on, or the number of the CPU's threads. Errors: those of [`Plan::new`], of the base state and of
+    /// [`Compute::device`](crate::machine::Compute::device); `bad_time`; `internal` where no threads can be started.
+    pub fn new(scene: Scene, machine: impl Into<Machine>) -> Result<Self, ApiError> {
+        let machine = machine.into();
         let plan = Plan::new(&scene)?;
         let base = base_state::build(&scene)?;
         let start_unix_s = welkin_proto::time::parse_utc(&scene.time.start_utc)?;
         let parameters = parameters::parameters(&scene, &base, plan.chosen.methods.clone());
-        let mut device: Box<dyn Device> = Box::new(Cpu::new(parameters.clone(), &plan.fields));
+        let mut device = machine.compute.device(&parameters, &plan)?;
         initial::write(&scene, &base, &parameters, device.as_mut());
         // Threads of its own, so that a tick and a picture share the cores by the system's clock and not task by task.
         let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads.unwrap_or(0))
+            .num_threads(machine.threads.unwrap_or(0))
             .thread_name(|n| format!("world-{n}"))
             .build()
             .map_err(|e| ApiError::new("internal", format!("no threads to compute on: {e}")))?;
@@ -321,6 +322,8 @@ impl World {
                 stages: 1,
             },
         );
+        // A tick is judged before anything is built on it.
+        self.device.settle();
         self.vitals = self.device.vitals();
         self.cloud = self.device.reduce_cloud();
     }
@@ -441,6 +444,10 @@ impl World {
             .map(|pass| {
                 let info = pass.info();
                 let timing = self.timings[*pass as usize];
+                let timing = self
+                    .device
+                    .pass_time(*pass)
+                    .map_or(timing, |(runs, total_s)| Timing { runs, total_s });
                 let mut why = info.needs.iter().map(|e| e.name()).collect::<Vec<_>>().join(" + ");
                 for choice in chosen.choices.iter().filter(|c| info.rungs.contains(&c.rung)) {
                     let rung = choice.rung.info();

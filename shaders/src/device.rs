@@ -97,7 +97,7 @@ pub trait Device: Send {
     fn lags(&self) -> bool {
         false
     }
-    /// Makes the next reductions those of the state as it is then.
+    /// Makes the next [`Device::vitals`] those of the state as it is then, and the cloud's reductions with them.
     fn settle(&mut self) {}
     /// How often a pass ran and how long in all, s, where the device has a clock of its own.
     fn pass_time(&self, _pass: Pass) -> Option<(u64, f64)> {

@@ -1,5 +1,8 @@
 //! What twin tests share: an adapter, or a loud skip.
 
+// Each test binary uses a part of it.
+#![allow(dead_code)]
+
 use std::sync::Arc;
 
 use welkin_shaders::gpu::{AdapterChoice, Context};

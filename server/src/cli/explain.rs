@@ -28,7 +28,7 @@ pub(super) struct Options {
 
 pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
     let scene = options.flags.load(&options.scene, &own_limits())?;
-    let mut world = World::new(scene, options.flags.threads())?;
+    let mut world = World::new(scene, options.flags.machine()?)?;
     for _ in 0..options.ticks {
         world.tick();
     }

@@ -71,7 +71,7 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
     let until_s = options.at.unwrap_or(scene.time.spin_up_s);
     let interrupted = interrupt_flag();
     let began = Instant::now();
-    let mut world = World::new(scene, options.flags.threads())?;
+    let mut world = World::new(scene, options.flags.machine()?)?;
     let bar = progress_bar(until_s, "simulating");
     world.advance_to(until_s, |world| {
         bar.set_position(world.simulated_s() as u64);

@@ -53,7 +53,7 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
     let scene = options.flags.load(&options.scene, &own_limits())?;
     let interrupted = interrupt_flag();
     let began = Instant::now();
-    let mut world = World::new(scene, options.flags.threads())?;
+    let mut world = World::new(scene, options.flags.machine()?)?;
     let bar = progress_bar(options.until, "simulating");
     let mut rows = Vec::new();
     while world.simulated_s() < options.until && !interrupted.load(Ordering::Relaxed) {

@@ -47,7 +47,7 @@ async fn serve(options: Options, scene: Scene) -> Result<Outcome, Failure> {
         .map_err(|error| listen_failure(options.listen, &error))?;
     let address = listener.local_addr().map_err(|error| Failure(error.to_string()))?;
     let name = scene.name.clone();
-    let state = AppState::new(options.limits, options.flags.threads())?;
+    let state = AppState::new(options.limits, options.flags.machine()?)?;
     let host = state.create_world(scene).await?;
     let device = host.summary().device;
     drop(host);

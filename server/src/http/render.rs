@@ -17,6 +17,7 @@ use super::route::Route;
 use super::state::AppState;
 use super::world_frame::{MEDIA_TYPES, image_response};
 use crate::host::renderer::{Frame, FrameRequest};
+use crate::machine::Machine;
 use crate::picture::{self, Renderer};
 use crate::world::World;
 
@@ -67,10 +68,10 @@ async fn render(State(state): State<AppState>, JsonText(text): JsonText) -> Resu
     let abandoned = Arc::new(AtomicBool::new(false));
     let _guard = Abandon(abandoned.clone());
     let deadline = Duration::try_from_secs_f64(limits.render_time_max_s).unwrap_or(Duration::MAX);
-    let threads = state.threads();
+    let machine = state.machine().clone();
     let work = tokio::task::spawn_blocking(move || {
         let _permit = permit; // held until the work is over, even if the client leaves
-        run(scene, &wish, threads, deadline, &abandoned)
+        run(scene, &wish, machine, deadline, &abandoned)
     });
     let (frame, simulate_ms) = work.await.map_err(internal)??;
     let more = [
@@ -87,7 +88,7 @@ async fn render(State(state): State<AppState>, JsonText(text): JsonText) -> Resu
 fn run(
     scene: Scene,
     wish: &RenderRequest,
-    threads: Option<usize>,
+    machine: Machine,
     deadline: Duration,
     abandoned: &AtomicBool,
 ) -> Result<(Frame, f64), ApiError> {
@@ -98,7 +99,7 @@ fn run(
         format: wish.format,
         camera: wish.camera.clone().unwrap_or_else(|| scene.camera.clone()),
     };
-    let mut world = World::new(scene, threads)?;
+    let mut world = World::new(scene, machine)?;
     world.advance_to(wish.simulated_s, |_| {
         began.elapsed() < deadline && !abandoned.load(Ordering::Relaxed)
     });

@@ -12,6 +12,7 @@ use super::error::internal;
 use crate::host::Host;
 use crate::host::renderer::RenderService;
 use crate::limits::Limits;
+use crate::machine::Machine;
 
 /// Shared by every request; cheap to clone.
 #[derive(Clone)]
@@ -21,7 +22,7 @@ pub struct AppState {
 
 struct Shared {
     limits: Limits,
-    threads: Option<usize>,
+    machine: Machine,
     started: Instant,
     worlds: Mutex<Worlds>,
     streams: AtomicUsize,
@@ -46,12 +47,12 @@ impl Drop for StreamPermit {
 }
 
 impl AppState {
-    /// A server without worlds. `threads` is handed to every world; `None` leaves the choice to it.
+    /// A server without worlds. `machine` is what every world computes on.
     ///
     /// Errors: `internal` where the render thread cannot be started.
-    pub fn new(limits: Limits, threads: Option<usize>) -> Result<Self, ApiError> {
+    pub fn new(limits: Limits, machine: impl Into<Machine>) -> Result<Self, ApiError> {
         let shared = Shared {
-            threads,
+            machine: machine.into(),
             started: Instant::now(),
             worlds: Mutex::new(Worlds::default()),
             streams: AtomicUsize::new(0),
@@ -69,9 +70,9 @@ impl AppState {
         &self.shared.limits
     }
 
-    /// Worker threads that a world is given.
-    pub fn threads(&self) -> Option<usize> {
-        self.shared.threads
+    /// What worlds compute on.
+    pub fn machine(&self) -> &Machine {
+        &self.shared.machine
     }
 
     /// When the server started.
@@ -130,12 +131,12 @@ impl AppState {
             worlds.made += 1;
             worlds.made
         };
-        let threads = self.shared.threads;
+        let machine = self.shared.machine.clone();
         let name = format!("w{number}");
         // The reservation is given back here and nowhere else: this task runs to its end even if the client leaves.
         let state = self.clone();
         let started = tokio::spawn(async move {
-            let host = tokio::task::spawn_blocking(move || Host::spawn(&name, scene, threads)).await;
+            let host = tokio::task::spawn_blocking(move || Host::spawn(&name, scene, machine)).await;
             let host = host.map_err(internal).and_then(|host| host).map(Arc::new);
             let mut worlds = state.worlds_locked();
             worlds.starting -= 1;

@@ -418,7 +418,7 @@ impl Device for Gpu {
     }
 
     fn settle(&mut self) {
-        self.readback.borrow_mut().forget();
+        self.readback.borrow_mut().settle();
     }
 
     fn pass_time(&self, pass: Pass) -> Option<(u64, f64)> {

@@ -277,6 +277,11 @@ impl Readback {
         self.tick.fresh = true;
     }
 
+    /// The next numbers of a tick's end are those of the tick that is asked for.
+    pub(super) fn settle(&mut self) {
+        self.tick.fresh = true;
+    }
+
     /// Blocks that are due: all but the newest, which is still being computed, or all of them where a fresh answer is wanted.
     fn arrived(pending: &mut Pending, context: &Context) -> Vec<(Staged, Vec<u8>)> {
         let leave = usize::from(!pending.fresh);

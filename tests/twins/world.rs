@@ -1,0 +1,162 @@
+//! Whole worlds on both devices: a tick, two hundred ticks, two worlds on one adapter, a device that is lost.
+
+mod common;
+
+use std::sync::Arc;
+
+use common::adapter;
+use welkin_proto::{Scene, presets};
+use welkin_server::machine::{Compute, Machine};
+use welkin_server::world::World;
+use welkin_shaders::catalogue::Field;
+
+fn gpu() -> Machine {
+    Machine {
+        threads: None,
+        compute: Compute::choose("gpu").expect("an adapter"),
+    }
+}
+
+fn cumulus(cells: [u32; 3]) -> Scene {
+    let mut scene = presets::find("fair-weather-cumulus").expect("a preset");
+    scene.domain.cells = cells;
+    scene.domain.cell_size_m[2] = 3000.0 / cells[2] as f64;
+    scene
+}
+
+fn field(world: &World, which: Field) -> Vec<f32> {
+    world.device().read(which).expect("a planned field").to_vec()
+}
+
+fn largest_difference(a: &[f32], b: &[f32]) -> f32 {
+    assert!(a.iter().chain(b).all(|v| v.is_finite()));
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+}
+
+#[test]
+fn a_tick_of_the_default_scene_agrees() {
+    if adapter("a_tick_of_the_default_scene_agrees").is_none() {
+        return;
+    }
+    let scene = presets::find(presets::DEFAULT).expect("a preset");
+    let mut worlds = [None.into(), gpu()].map(|m: Machine| World::new(scene.clone(), m).expect("a world"));
+    for world in &mut worlds {
+        world.advance_by(4.0);
+    }
+    let [cpu, gpu] = &worlds;
+    assert_eq!(cpu.numbers().substeps, gpu.numbers().substeps);
+    // Rounding of one tick: some units in the last place of winds of 9 m/s, heat of 10 K and water of 0.02.
+    for (which, allowed) in [
+        (Field::VelocityX, 2e-5),
+        (Field::VelocityY, 2e-5),
+        (Field::VelocityZ, 2e-5),
+        (Field::Heat, 3e-5),
+        (Field::Water, 3e-8),
+    ] {
+        let found = largest_difference(&field(cpu, which), &field(gpu, which));
+        assert!(
+            found <= allowed,
+            "{} differs by {found:e}; {allowed:e} is allowed",
+            which.name()
+        );
+    }
+    assert!(
+        gpu.numbers().divergence_max_per_s < 1e-6,
+        "{}",
+        gpu.numbers().divergence_max_per_s
+    );
+    assert!(gpu.numbers().divergence_max_per_s > 0.0);
+}
+
+#[test]
+fn two_hundred_ticks_stay_statistically_the_same() {
+    if adapter("two_hundred_ticks_stay_statistically_the_same").is_none() {
+        return;
+    }
+    // Coarse, so that it lasts seconds: 200 ticks of 20 s are more than an hour, in which cumulus has formed.
+    let mut scene = cumulus([24, 24, 40]);
+    scene.domain.cell_size_m[0] = 150.0;
+    scene.domain.cell_size_m[1] = 150.0;
+    let numbers = [None.into(), gpu()].map(|machine: Machine| {
+        let mut world = World::new(scene.clone(), machine).expect("a world");
+        let mut sums = [0.0; 4];
+        for tick in 0..200 {
+            world.advance_by(20.0);
+            assert!(world.is_finite());
+            let n = world.numbers();
+            if tick >= 100 {
+                sums[0] += n.cloud_cover.expect("moist") / 100.0;
+                sums[1] += n.cloud_base_m.unwrap_or(600.0) / 100.0;
+                sums[2] += n.updraught_max_m_s / 100.0;
+                sums[3] += n.total_water_path_kg_m2.expect("moist") / 100.0;
+            }
+        }
+        sums
+    });
+    let [a, b] = numbers;
+    // The two runs part after some minutes, as any two that differ in a last bit; their means over half an hour stay within the weather's own scatter.
+    assert!(a[0] > 0.01, "no cloud to compare: {a:?}");
+    assert!((a[0] - b[0]).abs() < 0.08, "cover {} and {}", a[0], b[0]);
+    assert!((a[1] - b[1]).abs() < 150.0, "base {} and {}", a[1], b[1]);
+    assert!((a[2] / b[2] - 1.0).abs() < 0.35, "updraught {} and {}", a[2], b[2]);
+    // Sources are named and equal: water is kept to rounding on both.
+    assert!((a[3] / b[3] - 1.0).abs() < 1e-4, "water {} and {}", a[3], b[3]);
+}
+
+#[test]
+fn a_world_on_the_gpu_repeats_itself_bit_for_bit() {
+    if adapter("a_world_on_the_gpu_repeats_itself_bit_for_bit").is_none() {
+        return;
+    }
+    let runs = [(); 2].map(|()| {
+        let mut world = World::new(cumulus([12, 10, 20]), gpu()).expect("a world");
+        for _ in 0..10 {
+            world.advance_by(10.0);
+        }
+        [Field::VelocityZ, Field::Heat, Field::Water].map(|f| field(&world, f))
+    });
+    assert!(runs[0] == runs[1]);
+}
+
+#[test]
+fn two_worlds_on_one_adapter_do_not_touch_each_other() {
+    if adapter("two_worlds_on_one_adapter_do_not_touch_each_other").is_none() {
+        return;
+    }
+    let machine = gpu();
+    let alone = {
+        let mut world = World::new(cumulus([12, 10, 20]), machine.clone()).expect("a world");
+        (0..6).for_each(|_| world.advance_by(10.0));
+        field(&world, Field::Heat)
+    };
+    let mut first = World::new(cumulus([12, 10, 20]), machine.clone()).expect("a world");
+    let mut bubble = presets::find("warm-bubble").expect("a preset");
+    bubble.domain.cells = [9, 7, 16];
+    let mut second = World::new(bubble, machine).expect("a world");
+    for _ in 0..6 {
+        first.advance_by(10.0);
+        second.advance_by(7.0);
+    }
+    assert!(field(&first, Field::Heat) == alone);
+    assert!(second.is_finite() && second.numbers().updraught_max_m_s > 0.0);
+}
+
+#[test]
+fn an_adapter_that_is_not_there_is_named_with_those_that_are() {
+    let error = Compute::choose("no such adapter").expect_err("there is none");
+    assert_eq!(error.code, "no_adapter");
+    assert!(error.message.contains("no such adapter"), "{}", error.message);
+    assert!(matches!(Compute::choose("cpu"), Ok(Compute::Cpu)));
+}
+
+#[test]
+fn lines_too_long_for_the_transform_are_refused() {
+    let Some(context) = adapter("lines_too_long_for_the_transform_are_refused") else {
+        return;
+    };
+    let error = context
+        .storage("a field", context.binding_bytes_max() + 4)
+        .expect_err("more than a binding");
+    assert_eq!(error.code(), "device_limit");
+    drop::<Arc<_>>(context);
+}
