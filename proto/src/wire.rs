@@ -296,7 +296,9 @@ pub struct PassReport {
     pub reads: Vec<String>,
     /// Fields it writes.
     pub writes: Vec<String>,
-    /// Mean wall milliseconds of one run; absent before the first.
+    /// Bytes a cell that it must move, each value once: its floor on any memory. Absent for stages of the view.
+    pub bytes_per_cell: Option<u64>,
+    /// Mean milliseconds of one run, by the device's clock where it has one, else by the wall's; absent before the first.
     pub mean_ms: Option<f64>,
     /// Runs so far.
     pub runs: u64,

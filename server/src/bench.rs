@@ -6,15 +6,21 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use rayon::prelude::*;
 use serde::Serialize;
-use welkin_proto::wire::{Command as WorldCommand, FrameFormat};
+use welkin_proto::wire::{Command as WorldCommand, FrameFormat, PassReport};
 use welkin_proto::{ApiError, presets};
+use welkin_shaders::gpu;
 
+use crate::cli::DeviceFlag;
 use crate::host::renderer::{FrameRequest, RenderService};
 use crate::host::{Host, View};
+use crate::machine::{Compute, Machine, gpu_failure};
 
 /// The page's frames: size, and how many a second it asks for.
 const PAGE_SIZE: [u32; 2] = [640, 360];
+/// Sizes of frames that are measured alone, the page's first.
+const SIZES: [[u32; 2]; 3] = [PAGE_SIZE, [1280, 720], [1920, 1080]];
 const PAGE_FRAMES_PER_S: f64 = 5.0;
 /// A started server that shows nothing for so long has failed.
 const FIRST_FRAME_MAX: Duration = Duration::from_secs(60);
@@ -34,6 +40,8 @@ pub struct BenchOptions {
     /// Worker threads; as many as the machine has cores unless given.
     #[arg(long, value_name = "N")]
     pub threads: Option<std::num::NonZeroUsize>,
+    #[command(flatten)]
+    pub(crate) device: DeviceFlag,
     /// Also write the report as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -76,6 +84,23 @@ pub struct Frames {
     pub bytes_mean: f64,
 }
 
+/// A pass of the simulation.
+#[derive(Clone, Debug, Serialize)]
+pub struct PassCost {
+    /// Its name in the catalogue.
+    pub pass: String,
+    /// Mean milliseconds a run, by the device's clock where it has one.
+    pub mean_ms: f64,
+    /// Runs a substep.
+    pub runs_per_substep: f64,
+    /// Bytes a cell that it must move.
+    pub bytes_per_cell: u64,
+    /// Those bytes over the time, for the whole grid, a second.
+    pub bytes_per_s: f64,
+    /// That over what a copy reaches on this device. More than 1 means that fields stay in cache.
+    pub share_of_copy: f64,
+}
+
 /// The whole report.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
@@ -85,6 +110,14 @@ pub struct Report {
     pub commit: Option<String>,
     /// What the world ran on.
     pub device: String,
+    /// Bytes that a copy reads and writes a second on the device, more than its caches hold.
+    pub copy_bytes_per_s: f64,
+    /// Bytes a cell that the passes of a substep must move, each value once a pass.
+    pub bytes_per_cell_substep: f64,
+    /// Cell substeps a second that would leave nothing but those bytes to wait for.
+    pub cell_substeps_per_s_floor: f64,
+    /// The passes, in order.
+    pub passes: Vec<PassCost>,
     /// The processor's name, where the system tells it.
     pub processor: Option<String>,
     /// Cores that the system offers.
@@ -109,8 +142,8 @@ pub struct Report {
     pub simulation_with_page: Simulation,
     /// Those frames.
     pub page_frames: Frames,
-    /// Frames of a paused world that moves its camera, as fast as they come.
-    pub frames_alone: Frames,
+    /// Frames of a paused world that moves its camera, as fast as they come, in three sizes.
+    pub frames_alone: Vec<Frames>,
     /// Resident memory of this process at the end, MiB, where the system tells it.
     pub resident_mib: Option<f64>,
 }
@@ -148,8 +181,16 @@ fn measure(options: &BenchOptions) -> Result<Report, BenchError> {
     eprintln!("starting a server for its first frame");
     let (first_frame_s, resident_first_frame_mib) = first_frame(options)?;
 
-    let threads = options.threads.map(Into::into);
-    let host = Host::spawn("bench", scene.clone(), threads)?;
+    let machine = Machine {
+        threads: options.threads.map(Into::into),
+        compute: Compute::choose(&options.device.device)?,
+    };
+    eprintln!("measuring a copy");
+    let copy_bytes_per_s = match machine.compute.context() {
+        Some(context) => gpu::bandwidth::copy_bytes_per_s(&context).map_err(|e| gpu_failure(&e))?,
+        None => cpu_copy_bytes_per_s(),
+    };
+    let host = Host::spawn("bench", scene.clone(), machine)?;
     let view = host.view();
     let renderer = RenderService::start().map_err(|e| BenchError::System("cannot start the render thread", e))?;
     view.command(WorldCommand::TimeScale { time_scale: 1000.0 })?;
@@ -177,6 +218,7 @@ fn measure(options: &BenchOptions) -> Result<Report, BenchError> {
         frames(
             view,
             &renderer,
+            PAGE_SIZE,
             window,
             Some(Duration::from_secs_f64(1.0 / PAGE_FRAMES_PER_S)),
         )
@@ -186,12 +228,24 @@ fn measure(options: &BenchOptions) -> Result<Report, BenchError> {
     while !view.newest().snapshot.numbers.paused {
         std::thread::sleep(Duration::from_millis(5));
     }
-    let frames_alone = frames(view, &renderer, window, None)?;
+    let frames_alone = SIZES
+        .iter()
+        .map(|size| frames(view, &renderer, *size, window / SIZES.len() as u32, None))
+        .collect::<Result<_, _>>()?;
+    let passes = passes(view, copy_bytes_per_s);
+    let bytes_per_cell_substep = passes
+        .iter()
+        .map(|p| p.bytes_per_cell as f64 * p.runs_per_substep)
+        .sum();
 
     Ok(Report {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         commit: options.commit.clone(),
         device: start.snapshot.plan.device.clone(),
+        copy_bytes_per_s,
+        bytes_per_cell_substep,
+        cell_substeps_per_s_floor: copy_bytes_per_s / bytes_per_cell_substep,
+        passes,
         processor: proc_value("/proc/cpuinfo", "model name"),
         cores: std::thread::available_parallelism().map_or(1, Into::into),
         scene: scene.name,
@@ -207,6 +261,46 @@ fn measure(options: &BenchOptions) -> Result<Report, BenchError> {
         frames_alone,
         resident_mib: resident_mib("/proc/self/status"),
     })
+}
+
+/// What the passes have cost so far.
+fn passes(view: &View, copy_bytes_per_s: f64) -> Vec<PassCost> {
+    let cells: f64 = view.scene.domain.cells.iter().map(|n| f64::from(*n)).product();
+    let plan = view.plan();
+    let substeps = plan.passes.iter().find(|p| p.phase == "step").map_or(0, |p| p.runs);
+    let cost = |pass: &PassReport| {
+        let (mean_ms, bytes_per_cell) = (pass.mean_ms?, pass.bytes_per_cell?);
+        let bytes_per_s = cells * bytes_per_cell as f64 / (mean_ms * 1e-3).max(1e-9);
+        Some(PassCost {
+            pass: pass.stage.clone(),
+            mean_ms,
+            runs_per_substep: if pass.phase == "publish" {
+                0.0
+            } else {
+                pass.runs as f64 / substeps.max(1) as f64
+            },
+            bytes_per_cell,
+            bytes_per_s,
+            share_of_copy: bytes_per_s / copy_bytes_per_s,
+        })
+    };
+    plan.passes.iter().filter_map(cost).collect()
+}
+
+/// Bytes that copying 128 MiB on all threads reads and writes a second, the best of eight.
+fn cpu_copy_bytes_per_s() -> f64 {
+    let from = vec![1u8; 128 << 20];
+    let mut to = vec![0u8; from.len()];
+    let mut best = 0.0f64;
+    for _ in 0..8 {
+        let began = Instant::now();
+        to.par_chunks_mut(1 << 20)
+            .zip(from.par_chunks(1 << 20))
+            .for_each(|(to, from)| to.copy_from_slice(from));
+        best = best.max(2.0 * from.len() as f64 / began.elapsed().as_secs_f64());
+    }
+    std::hint::black_box(&to);
+    best
 }
 
 /// How far the world comes while `meanwhile` runs, from publication to publication.
@@ -235,10 +329,10 @@ fn simulation<T>(
 fn frames(
     view: &View,
     renderer: &RenderService,
+    [width, height]: [u32; 2],
     window: Duration,
     between: Option<Duration>,
 ) -> Result<Frames, BenchError> {
-    let [width, height] = PAGE_SIZE;
     let began = Instant::now();
     let (mut render_ms, mut encode_ms, mut bytes) = (Vec::new(), 0.0, 0);
     let mut due = began;
@@ -296,6 +390,7 @@ fn first_frame(options: &BenchOptions) -> Result<(f64, Option<f64>), BenchError>
     let began = Instant::now();
     let mut command = Command::new(program);
     command.args(["serve", "--listen", "127.0.0.1:0", "--scene", &options.scene]);
+    command.args(["--device", &options.device.device]);
     if let Some(threads) = options.threads {
         command.arg("--threads").arg(threads.to_string());
     }
@@ -397,10 +492,8 @@ fn print(report: &Report) {
             s.cell_substeps_per_s / 1e6
         );
     }
-    for (name, f) in [
-        ("the page's frames", &report.page_frames),
-        ("frames alone", &report.frames_alone),
-    ] {
+    let alone = report.frames_alone.iter().map(|f| ("frames alone", f));
+    for (name, f) in std::iter::once(("the page's frames", &report.page_frames)).chain(alone) {
         println!(
             "{name:<22} {}x{}: {:.1} frames/s, {:.1} ms to render (95 %: {:.1}), {:.1} ms to encode, {:.0} kB",
             f.width,
@@ -410,6 +503,24 @@ fn print(report: &Report) {
             f.render_ms_p95,
             f.encode_ms_mean,
             f.bytes_mean / 1e3
+        );
+    }
+    println!(
+        "a copy moves           {:.1} GB/s; a substep must move {:.0} bytes a cell: at most {:.1} M cell substeps/s by that",
+        report.copy_bytes_per_s / 1e9,
+        report.bytes_per_cell_substep,
+        report.cell_substeps_per_s_floor / 1e6
+    );
+    println!("PASS                         MS A RUN  A SUBSTEP  BYTES A CELL    GB/S  OF A COPY");
+    for p in &report.passes {
+        println!(
+            "{:<28} {:>8.3} {:>10.1} {:>13} {:>7.2} {:>9.0} %",
+            p.pass,
+            p.mean_ms,
+            p.runs_per_substep,
+            p.bytes_per_cell,
+            p.bytes_per_s / 1e9,
+            100.0 * p.share_of_copy
         );
     }
     println!("resident at the end    {}", memory(report.resident_mib));

@@ -459,6 +459,7 @@ impl World {
                     why: format!("effect {why}: {}", info.what),
                     reads: names(info.reads),
                     writes: names(info.writes),
+                    bytes_per_cell: Some(self.device.bytes_per_cell(*pass, &self.plan.fields)),
                     mean_ms: (timing.runs > 0).then(|| timing.total_s * 1e3 / timing.runs as f64),
                     runs: timing.runs,
                 }
@@ -481,6 +482,7 @@ impl World {
                     },
                     reads: stage.reads.iter().map(|s| (*s).to_owned()).collect(),
                     writes: stage.writes.iter().map(|s| (*s).to_owned()).collect(),
+                    bytes_per_cell: None,
                     mean_ms: None,
                     runs: 0,
                 }),

@@ -502,6 +502,31 @@ passes! {
         reads [CloudWater] writes [Extinction] within POWERS "what light meets: extinction from cloud water and droplet number";
 }
 
+impl Pass {
+    /// Whether it adds to what it writes, so that its output is an input too.
+    pub fn changes(self) -> bool {
+        let held = |f: &Field| {
+            use Field::*;
+            matches!(f, SlowVelocityX | SlowVelocityY | SlowVelocityZ | SlowHeat | SlowWater)
+        };
+        let adds = self != Pass::SlowClear && self.info().writes.iter().any(held);
+        adds || matches!(self, Pass::Project | Pass::CloudyAscent)
+    }
+
+    /// Bytes a cell that it must move where `planned` fields are held: each value once, neighbours from cache. A pass of the lowest level alone moves
+    /// nothing beside a box of many.
+    pub fn bytes_per_cell(self, planned: &[Field]) -> u64 {
+        let count = |fields: &[Field]| fields.iter().filter(|f| planned.contains(f)).count() as u64;
+        let info = self.info();
+        match self {
+            Pass::SurfaceFlux => 0,
+            // Velocities and pressure once; the half spectrum, 4 bytes a cell, written and read twice, its pivots, 2 bytes, twice.
+            Pass::PressureSolve => 16 + 16 + 4,
+            _ => 4 * count(info.reads) + if self.changes() { 8 } else { 4 } * count(info.writes),
+        }
+    }
+}
+
 /// A stage of light or view: it runs for a picture, on a published cloud, outside the tick, and writes no field of the state.
 #[derive(Debug)]
 pub struct ViewStage {

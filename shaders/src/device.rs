@@ -103,6 +103,11 @@ pub trait Device: Send {
     fn pass_time(&self, _pass: Pass) -> Option<(u64, f64)> {
         None
     }
+    /// Bytes a cell that a pass must move on this device where it holds `planned` fields, each value once: the floor of a pass whose
+    /// neighbours come from cache.
+    fn bytes_per_cell(&self, pass: Pass, planned: &[Field]) -> u64 {
+        pass.bytes_per_cell(planned)
+    }
     /// What went wrong with the device for good, if anything has.
     fn trouble(&self) -> Option<GpuError> {
         None

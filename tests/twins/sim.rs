@@ -89,9 +89,7 @@ fn run_every_pass(context: &Arc<Context>, scene: &Scene) -> usize {
             };
             for &field in &fields {
                 // What a pass adds to is input too; what it only writes is poisoned.
-                let changed = matches!(pass, Pass::Project | Pass::CloudyAscent)
-                    || info.writes.iter().any(|w| w.name().contains("slow")) && pass != Pass::SlowClear;
-                let poisoned = info.writes.contains(&field) && !changed;
+                let poisoned = info.writes.contains(&field) && !pass.changes();
                 let values = if poisoned {
                     vec![f32::NAN; parameters.grid.len()]
                 } else {

@@ -67,7 +67,7 @@ fn table(world: &World, plan: &PlanReport) -> String {
         text += &format!("A substep's Courant number is {courant_max} at most.\n");
     }
     text += "\n";
-    let head = ["PASS", "PHASE", "RUNS", "MEAN MS", "WHY"].map(str::to_owned);
+    let head = ["PASS", "PHASE", "RUNS", "MEAN MS", "BYTES A CELL", "WHY"].map(str::to_owned);
     let passes = plan.passes.iter().map(|pass| {
         let mean_ms = pass.mean_ms.map_or_else(|| "-".to_owned(), |ms| format!("{ms:.3}"));
         [
@@ -75,12 +75,13 @@ fn table(world: &World, plan: &PlanReport) -> String {
             pass.phase.clone(),
             pass.runs.to_string(),
             mean_ms,
+            pass.bytes_per_cell.map_or_else(|| "-".to_owned(), |b| b.to_string()),
             pass.why.clone(),
         ]
     });
     text += &columns(
         std::iter::once(head).chain(passes).collect(),
-        [false, false, true, true, false],
+        [false, false, true, true, true, false],
     );
     let head = ["FIELD", "PLACE", "UNIT", "BYTES"].map(str::to_owned);
     let fields = plan.fields.iter().map(|field| {

@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::context::Context;
-use super::dispatches::{Groups, Use, dispatches, is_there};
+use super::dispatches::{Groups, Use, bytes_per_cell, dispatches, is_there};
 use super::error::GpuError;
 use super::kernel::{Bind, Kernel};
 use super::pressure;
@@ -423,6 +423,10 @@ impl Device for Gpu {
 
     fn pass_time(&self, pass: Pass) -> Option<(u64, f64)> {
         self.readback.borrow().time(pass)
+    }
+
+    fn bytes_per_cell(&self, pass: Pass, planned: &[Field]) -> u64 {
+        bytes_per_cell(pass, planned)
     }
 
     fn trouble(&self) -> Option<GpuError> {

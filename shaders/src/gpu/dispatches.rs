@@ -149,7 +149,7 @@ pub fn is_there(pass: Pass) -> bool {
     matches!(pass, Pass::SlowClear | Pass::PressureSolve) || !dispatches(pass).is_empty()
 }
 
-/// Bytes a cell that a pass must move on this device where it holds `planned` fields: each value once a kernel, neighbours from cache.
+/// See [`Device::bytes_per_cell`](crate::Device::bytes_per_cell): each value once a kernel.
 pub fn bytes_per_cell(pass: Pass, planned: &[Field]) -> u64 {
     match pass {
         Pass::SlowClear => 4 * pass.info().writes.iter().filter(|f| planned.contains(f)).count() as u64,

@@ -3,6 +3,7 @@
 //! Within WebGPU's default limits (8 storage buffers a stage, 256 invocations a workgroup, 16 KiB of its memory); larger buffers are used where the
 //! adapter has them. No subgroups and no 16-bit floats are required.
 
+pub mod bandwidth;
 pub mod context;
 mod device;
 pub mod dispatches;
@@ -34,6 +35,7 @@ macro_rules! modules {
 
 modules! {
     "shared/constants" constants [crate::constants::WGSL] structs [];
+    "bench/copy" constants [] structs [];
     "shared/grid" constants [profiles::WGSL, profiles::holds::WGSL] structs [profiles::Sim::LAYOUT, profiles::Step::LAYOUT];
     "shared/advect" constants [advect::WGSL] structs [];
     "sim/saturation_adjustment" constants [saturation_adjustment::WGSL] structs [];
