@@ -267,7 +267,8 @@ fn measure(options: &BenchOptions) -> Result<Report, BenchError> {
 fn passes(view: &View, copy_bytes_per_s: f64) -> Vec<PassCost> {
     let cells: f64 = view.scene.domain.cells.iter().map(|n| f64::from(*n)).product();
     let plan = view.plan();
-    let substeps = plan.passes.iter().find(|p| p.phase == "step").map_or(0, |p| p.runs);
+    let substeps = plan.passes.iter().filter(|p| p.phase == "step").map(|p| p.runs).max();
+    let substeps = substeps.unwrap_or(0);
     let cost = |pass: &PassReport| {
         let (mean_ms, bytes_per_cell) = (pass.mean_ms?, pass.bytes_per_cell?);
         let bytes_per_s = cells * bytes_per_cell as f64 / (mean_ms * 1e-3).max(1e-9);
@@ -303,14 +304,19 @@ fn cpu_copy_bytes_per_s() -> f64 {
     best
 }
 
-/// How far the world comes while `meanwhile` runs, from publication to publication.
+/// How far the world comes while `meanwhile` runs, from publication to publication, by one tick at least.
 fn simulation<T>(
     view: &View,
     meanwhile: impl FnOnce() -> Result<T, BenchError>,
 ) -> Result<(Simulation, T), BenchError> {
     let first = view.newest();
     let made = meanwhile()?;
-    let last = view.newest();
+    let mut last = view.newest();
+    // Where a tick takes longer than that, the next one is waited for.
+    while last.snapshot.numbers.tick == first.snapshot.numbers.tick && view.is_running() {
+        std::thread::sleep(Duration::from_millis(20));
+        last = view.newest();
+    }
     let wall_s = (last.at - first.at).as_secs_f64();
     let (from, to) = (&first.snapshot.numbers, &last.snapshot.numbers);
     let ticks = (to.tick - from.tick) as f64;

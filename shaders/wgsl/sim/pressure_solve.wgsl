@@ -5,8 +5,8 @@
 //
 // Transforms work on whole lines in workgroup memory, several lines at once, by Stockham's self-sorting scheme with any factors: before a pass
 // with factor r the line holds l-point transforms X[p][k] at p l + k; the pass makes L = l r point transforms,
-// X'[p][k] = sum over q of exp(-2 pi i q k / L) X[p + m q][k mod l], m = n / L. A thread makes one number of the output at a time and reads r; twiddles
-// come from a table, made in f64. Real rows are transformed two at once, as the parts of one complex line.
+// X'[p][k + l s] = sum over q of exp(-2 pi i q (k / L + s / r)) X[p + m q][k], m = n / L. A thread makes one such butterfly at a time, for fours and twos
+// written out; twiddles come from a table, made in f64. Real rows are transformed two at once, as the parts of one complex line.
 
 @group(0) @binding(3) var<storage, read> u: array<f32>;
 @group(0) @binding(4) var<storage, read> v: array<f32>;
@@ -20,59 +20,79 @@
 @group(0) @binding(9) var<storage, read_write> pressure: array<f32>;
 @group(0) @binding(10) var<uniform> transforms: Transforms;
 
-var<workgroup> line_a: array<vec2<f32>, TRANSFORM_LENGTH_MAX>;
-var<workgroup> line_b: array<vec2<f32>, TRANSFORM_LENGTH_MAX>;
+// The lines before and after a pass, one half each.
+var<workgroup> lines_held: array<vec2<f32>, 2 * TRANSFORM_LENGTH_MAX>;
 
 fn times(a: vec2<f32>, b: vec2<f32>) -> vec2<f32> {
     return vec2<f32>(a.x * b.x - a.y * b.y, a.x * b.y + a.y * b.x);
 }
 
-fn value(of_a: bool, i: u32) -> vec2<f32> {
-    if of_a {
-        return line_a[i];
-    }
-    return line_b[i];
+// exp(sign 2 pi i angle / n), of the table that begins at `table`.
+fn twiddle(table: u32, angle: u32, sign: f32) -> vec2<f32> {
+    let t = twiddles[table + angle];
+    return vec2<f32>(t.x, sign * t.y);
 }
 
-// Transforms `lines` lines of `n` in workgroup memory, from line_a. Returns whether the result is in line_a.
-// `table` is where the twiddles of this length begin; `along_y` chooses the factors.
-fn transform(thread: u32, n: u32, lines: u32, along_y: bool, sign: f32) -> bool {
+// Transforms `lines` lines of `n` that lie in the first half; says where the result begins.
+// `table` is where the twiddles of this length begin; `along_y` chooses the factors; `sign` is 1 forward and -1 back.
+fn transform(thread: u32, n: u32, lines: u32, along_y: bool, sign: f32) -> u32 {
     let table = select(0u, sim.cells.x, along_y);
     let passes = select(transforms.x.y, transforms.y.y, along_y);
-    var in_a = true;
+    var source = 0u;
     var l = 1u;
-    for (var pass_n = 0u; pass_n < passes; pass_n++) {
-        let r = select(transforms.factors_x[pass_n / 4u][pass_n % 4u], transforms.factors_y[pass_n / 4u][pass_n % 4u], along_y);
-        let wide = l * r;
-        let m = n / wide;
+    for (var number = 0u; number < passes; number++) {
+        let r = select(transforms.factors_x[number / 4u][number % 4u], transforms.factors_y[number / 4u][number % 4u], along_y);
+        // Numbers of a line that a butterfly takes lie `apart`; its results lie l apart.
+        let apart = n / r;
+        let turn = apart / l;
+        let result = TRANSFORM_LENGTH_MAX - source;
         workgroupBarrier();
-        for (var o = thread; o < n * lines; o += TRANSFORM_THREADS) {
-            let line = o / n;
-            let place = o - line * n;
-            let p = place / wide;
-            let k = place - p * wide;
-            let from_k = k % l;
-            let turn = k * m;
-            var sum = vec2<f32>(0.0);
-            var angle = 0u;
-            for (var q = 0u; q < r; q++) {
-                var t = twiddles[table + angle];
-                t.y *= sign;
-                sum += times(value(in_a, line * n + (p + m * q) * l + from_k), t);
-                angle += turn;
-                angle -= select(0u, n, angle >= n);
-            }
-            if in_a {
-                line_b[o] = sum;
+        for (var b = thread; b < apart * lines; b += TRANSFORM_THREADS) {
+            let line = b / apart;
+            let j = b - line * apart;
+            let p = j / l;
+            let k = j - p * l;
+            let at = source + line * n + j;
+            let to = result + line * n + p * l * r + k;
+            if r == 4u {
+                let angle = k * turn;
+                let x0 = lines_held[at];
+                let x1 = times(lines_held[at + apart], twiddle(table, angle, sign));
+                let x2 = times(lines_held[at + 2u * apart], twiddle(table, 2u * angle, sign));
+                let x3 = times(lines_held[at + 3u * apart], twiddle(table, 3u * angle, sign));
+                let even = x0 + x2;
+                let odd = x1 + x3;
+                let across = x0 - x2;
+                let turned = sign * vec2<f32>(x1.y - x3.y, x3.x - x1.x);
+                lines_held[to] = even + odd;
+                lines_held[to + l] = across + turned;
+                lines_held[to + 2u * l] = even - odd;
+                lines_held[to + 3u * l] = across - turned;
+            } else if r == 2u {
+                let x0 = lines_held[at];
+                let x1 = times(lines_held[at + apart], twiddle(table, k * turn, sign));
+                lines_held[to] = x0 + x1;
+                lines_held[to + l] = x0 - x1;
             } else {
-                line_a[o] = sum;
+                for (var s = 0u; s < r; s++) {
+                    // The angle of input q: q (k turn + s n / r), a whole turn being n.
+                    let step_angle = (k * turn + s * apart) % n;
+                    var sum = vec2<f32>(0.0);
+                    var angle = 0u;
+                    for (var q = 0u; q < r; q++) {
+                        sum += times(lines_held[at + q * apart], twiddle(table, angle, sign));
+                        angle += step_angle;
+                        angle -= select(0u, n, angle >= n);
+                    }
+                    lines_held[to + s * l] = sum;
+                }
             }
         }
-        in_a = !in_a;
-        l = wide;
+        source = result;
+        l *= r;
     }
     workgroupBarrier();
-    return in_a;
+    return source;
 }
 
 // `scale * div(rho v)` of a cell.
@@ -107,15 +127,15 @@ fn forward_x(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
         if row + 1u < rows {
             pair.y = mass_divergence(o % n, row + 1u);
         }
-        line_a[o] = pair;
+        lines_held[o] = pair;
     }
-    let in_a = transform(thread, n, lines, false, 1.0);
+    let done = transform(thread, n, lines, false, 1.0);
     for (var o = thread; o < half * lines; o += TRANSFORM_THREADS) {
         let line = o / half;
         let k = o - line * half;
         let row = 2u * (first + line);
-        let here = value(in_a, line * n + k);
-        let mirror = value(in_a, line * n + (n - k) % n);
+        let here = lines_held[done + line * n + k];
+        let mirror = lines_held[done + line * n + (n - k) % n];
         if row < rows {
             spectrum[row * half + k] = 0.5 * vec2<f32>(here.x + mirror.x, here.y - mirror.y);
         }
@@ -148,12 +168,12 @@ fn inverse_x(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
             let b = spectrum[(row + 1u) * half + wave];
             pair += vec2<f32>(-flip * b.y, b.x);
         }
-        line_a[o] = pair;
+        lines_held[o] = pair;
     }
-    let in_a = transform(thread, n, lines, false, -1.0);
+    let done = transform(thread, n, lines, false, -1.0);
     for (var o = thread; o < n * lines; o += TRANSFORM_THREADS) {
         let row = 2u * (first + o / n);
-        let pair = value(in_a, o);
+        let pair = lines_held[done + o];
         if row < rows {
             pressure[row * n + o % n] = pair.x;
         }
@@ -176,13 +196,13 @@ fn along_y(group: vec3<u32>, thread: u32, sign: f32) {
         if k < half {
             number = spectrum[level + (o / lines) * half + k];
         }
-        line_a[(o % lines) * n + o / lines] = number;
+        lines_held[(o % lines) * n + o / lines] = number;
     }
-    let in_a = transform(thread, n, lines, true, sign);
+    let done = transform(thread, n, lines, true, sign);
     for (var o = thread; o < n * lines; o += TRANSFORM_THREADS) {
         let k = first + o % lines;
         if k < half {
-            spectrum[level + (o / lines) * half + k] = value(in_a, (o % lines) * n + o / lines);
+            spectrum[level + (o / lines) * half + k] = lines_held[done + (o % lines) * n + o / lines];
         }
     }
 }
