@@ -412,15 +412,15 @@ const SAME: (f64, &str) = (
     "the same operations, in which a device may join multiplications and additions",
 );
 const DIFFERENCES: (f64, &str) = (
-    3e-5,
+    3e-6,
     "differences of nearly equal numbers are divided by small distances: rounding of the fields counts for more",
 );
 const WENO: (f64, &str) = (
-    1e-4,
+    1e-5,
     "weights are ratios of fourth powers of differences, so that rounding shifts them; the face value hardly moves",
 );
 const POWERS: (f64, &str) = (
-    1e-4,
+    6e-5,
     "exponential and powers are good to a few units in the last place on a GPU; condensed water is a difference",
 );
 const SPECTRAL: (f64, &str) = (
