@@ -260,6 +260,10 @@ pub struct Effects {
     pub moisture: Option<Moisture>,
     /// Eddies smaller than a cell mix (Smagorinsky-Lilly). Needs `flow`.
     pub turbulence: Option<Turbulence>,
+    /// One viscosity mixes everywhere. Needs `flow`, excludes `turbulence`.
+    pub constant_viscosity: Option<ConstantViscosity>,
+    /// A push within a part of the box, as of a fan. Needs `flow`.
+    pub body_force: Option<BodyForce>,
     /// Heat and moisture from the ground, and its drag. Needs `flow`.
     pub surface: Option<Surface>,
     /// Earth's rotation acting on the difference to a geostrophic wind. Needs `flow`.
@@ -312,6 +316,44 @@ pub struct Turbulence {
     pub smagorinsky_coefficient: f64,
     /// Eddy viscosity over eddy diffusivity; about 1/3.
     pub turbulent_prandtl_number: f64,
+}
+
+/// See [`Effects::constant_viscosity`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ConstantViscosity {
+    /// Kinematic viscosity of momentum, m2/s.
+    pub viscosity_m2_s: f64,
+    /// Diffusivity of heat and of water, m2/s; more than 0 needs `heat`.
+    #[serde(default)]
+    pub diffusivity_m2_s: f64,
+    /// How it steps through time.
+    pub scheme: DiffusionScheme,
+}
+
+/// See [`ConstantViscosity::scheme`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum DiffusionScheme {
+    /// From the air as it is; exact for small steps, and large viscosities ask for short ones.
+    Explicit,
+    /// From the air as it will be, by Jacobi's iteration: stable at any step.
+    Implicit,
+}
+
+/// See [`Effects::body_force`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BodyForce {
+    /// The region's lower corner (west, south, bottom), m.
+    pub lower_m: [f64; 3],
+    /// The region's upper corner (east, north, top), m; above the lower one along each axis.
+    pub upper_m: [f64; 3],
+    /// Acceleration east, north and up, m/s2.
+    pub acceleration_m_s2: [f64; 3],
+    /// Drag within the region, 1/s: air that stays there is brought to acceleration over drag. Without any, the wind grows without end.
+    #[serde(default)]
+    pub drag_per_s: f64,
 }
 
 /// See [`Effects::surface`].

@@ -1,7 +1,7 @@
 //! Reading a scene from a stranger's text, and judging whether it can be run.
 //!
-//! Stable error codes: `bad_json`, `bad_scene`, `unknown_version`, `out_of_range`, `not_rising`, `effect_needs`, `bad_time`,
-//! `bad_sounding`. All but `bad_json` name the JSON pointer of the one place that is to blame, where there is one.
+//! Stable error codes: `bad_json`, `bad_scene`, `unknown_version`, `out_of_range`, `not_rising`, `effect_needs`, `effect_conflict`,
+//! `bad_time`, `bad_sounding`. All but `bad_json` name the JSON pointer of the one place that is to blame, where there is one.
 
 use serde_json::Value;
 
@@ -79,7 +79,7 @@ fn unknown_version(version: u64) -> ApiError {
 /// Judges a scene: every number against its range, every profile's order, every effect's needs.
 ///
 /// Errors: the first thing found, with its JSON pointer: `unknown_version`, `out_of_range`, `not_rising`, `effect_needs`,
-/// `bad_time`, `bad_sounding`.
+/// `effect_conflict`, `bad_time`, `bad_sounding`.
 pub fn validate(scene: &Scene, limits: &Limits) -> Result<(), ApiError> {
     if scene.version != SCENE_VERSION {
         return Err(unknown_version(u64::from(scene.version)));
@@ -178,8 +178,8 @@ fn domain(scene: &Scene, limits: &Limits) -> Result<f64, ApiError> {
         } else {
             (1, "")
         };
-        if count < least || count > 512 {
-            let message = format!("{count} is out of range; allowed is {least} to 512 cells{why}");
+        if count < least || count > 1024 {
+            let message = format!("{count} is out of range; allowed is {least} to 1024 cells{why}");
             return Err(ApiError::new("out_of_range", message).at(format!("/domain/cells/{axis}")));
         }
     }
@@ -375,6 +375,17 @@ fn effect_needs(effects: &Effects) -> Result<(), ApiError> {
     needs("/effects/heat", heat, flow, "flow")?;
     needs("/effects/moisture", moisture, heat, "heat")?;
     needs("/effects/turbulence", effects.turbulence.is_some(), flow, "flow")?;
+    let constant = effects.constant_viscosity.as_ref();
+    needs("/effects/constant_viscosity", constant.is_some(), flow, "flow")?;
+    if let Some(constant) = constant {
+        if effects.turbulence.is_some() {
+            let message = "this excludes the effect `turbulence`, which the scene names too: only one can mix";
+            return Err(ApiError::new("effect_conflict", message).at("/effects/constant_viscosity"));
+        }
+        let wanted = constant.diffusivity_m2_s != 0.0;
+        needs("/effects/constant_viscosity/diffusivity_m2_s", wanted, heat, "heat")?;
+    }
+    needs("/effects/body_force", effects.body_force.is_some(), flow, "flow")?;
     needs("/effects/surface", effects.surface.is_some(), flow, "flow")?;
     needs("/effects/coriolis", effects.coriolis.is_some(), flow, "flow")?;
     needs("/effects/large_scale", effects.large_scale.is_some(), heat, "heat")?;
@@ -454,6 +465,32 @@ fn effects(effects: &Effects, lid_m: f64, limits: &Limits) -> Result<(), ApiErro
             0.1,
             10.0,
         )?;
+    }
+    if let Some(constant) = &effects.constant_viscosity {
+        let at = |field: &str| format!("/effects/constant_viscosity/{field}");
+        range(&at("viscosity_m2_s"), constant.viscosity_m2_s, 0.0, 1e5)?;
+        range(&at("diffusivity_m2_s"), constant.diffusivity_m2_s, 0.0, 1e5)?;
+    }
+    if let Some(force) = &effects.body_force {
+        let at = |field: &str, axis: usize| format!("/effects/body_force/{field}/{axis}");
+        for axis in 0..3 {
+            range(&at("lower_m", axis), force.lower_m[axis], -1e6, 1e6)?;
+            range(&at("upper_m", axis), force.upper_m[axis], -1e6, 1e6)?;
+            range(
+                &at("acceleration_m_s2", axis),
+                force.acceleration_m_s2[axis],
+                -10.0,
+                10.0,
+            )?;
+            if force.upper_m[axis] <= force.lower_m[axis] {
+                let message = format!(
+                    "the upper corner's {} m must be above the lower one's {} m",
+                    force.upper_m[axis], force.lower_m[axis]
+                );
+                return Err(ApiError::new("not_rising", message).at(at("upper_m", axis)));
+            }
+        }
+        range("/effects/body_force/drag_per_s", force.drag_per_s, 0.0, 10.0)?;
     }
     if let Some(surface) = &effects.surface {
         range("/effects/surface/heat_flux_k_m_s", surface.heat_flux_k_m_s, -1.0, 1.0)?;

@@ -28,7 +28,9 @@ pub struct Chosen {
 /// What an accuracy stands for: a rung of advection, a pressure solver, and a factor on the scene's largest Courant number.
 fn meaning(accuracy: Accuracy) -> (&'static str, Rung, PressureMethod, f64) {
     match accuracy {
-        Accuracy::Fast => ("fast", Rung::MacCormack, PressureMethod::Multigrid { cycles: 2 }, 1.0),
+        // The direct solver is both the exact one and the fast one on the CPU: 1.6 ms a solve at 64 x 64 x 75 cells, where two cycles of
+        // multigrid take 5.6 and forty sweeps of Jacobi's method 8.
+        Accuracy::Fast => ("fast", Rung::MacCormack, PressureMethod::Direct, 1.0),
         Accuracy::Balanced => ("balanced", Rung::FluxForm, PressureMethod::Direct, 1.0),
         Accuracy::Reference => ("reference", Rung::FluxForm, PressureMethod::Direct, 0.5),
     }
@@ -121,6 +123,8 @@ pub fn choose(scene: &Scene) -> Result<Chosen, ApiError> {
     }
     let (rung, why) = if scene.effects.turbulence.is_some() {
         (Rung::SmagorinskyLilly, "effect turbulence")
+    } else if scene.effects.constant_viscosity.is_some() {
+        (Rung::ConstantViscosity, "effect constant_viscosity")
     } else {
         (Rung::NoSubgrid, "no effect asks for mixing")
     };

@@ -1,11 +1,13 @@
 //! From a scene and its base state to the numbers that passes are told.
 
 use welkin_proto::Scene;
-use welkin_proto::scene::Profile;
+use welkin_proto::scene::{self, Profile};
 use welkin_shaders::Grid;
 use welkin_shaders::constants::EARTH_ROTATION_PER_S;
 use welkin_shaders::cpu::sim::Parameters;
-use welkin_shaders::cpu::sim::parameters::{Coriolis, LargeScale, Methods, Surface, Turbulence};
+use welkin_shaders::cpu::sim::parameters::{
+    BodyForce, ConstantViscosity, Coriolis, DiffusionScheme, LargeScale, Methods, Surface, Turbulence,
+};
 
 use crate::base_state::BaseState;
 
@@ -58,6 +60,20 @@ pub fn parameters(scene: &Scene, base: &BaseState, methods: Methods) -> Paramete
         turbulence: effects.turbulence.as_ref().map(|t| Turbulence {
             coefficient: t.smagorinsky_coefficient as f32,
             prandtl: t.turbulent_prandtl_number as f32,
+        }),
+        constant_viscosity: effects.constant_viscosity.as_ref().map(|c| ConstantViscosity {
+            viscosity_m2_s: c.viscosity_m2_s as f32,
+            diffusivity_m2_s: c.diffusivity_m2_s as f32,
+            scheme: match c.scheme {
+                scene::DiffusionScheme::Explicit => DiffusionScheme::Explicit,
+                scene::DiffusionScheme::Implicit => DiffusionScheme::Implicit,
+            },
+        }),
+        body_force: effects.body_force.as_ref().map(|f| BodyForce {
+            lower_m: f.lower_m.map(|m| m as f32),
+            upper_m: f.upper_m.map(|m| m as f32),
+            acceleration_m_s2: f.acceleration_m_s2.map(|a| a as f32),
+            drag_per_s: f.drag_per_s as f32,
         }),
         surface: effects.surface.as_ref().map(|s| Surface {
             heat_flux_k_m_s: s.heat_flux_k_m_s as f32,

@@ -26,6 +26,8 @@ pub fn effects(effects: &Effects) -> Vec<Effect> {
         (effects.heat.is_some(), Effect::Heat),
         (effects.moisture.is_some(), Effect::Moisture),
         (effects.turbulence.is_some(), Effect::Turbulence),
+        (effects.constant_viscosity.is_some(), Effect::ConstantViscosity),
+        (effects.body_force.is_some(), Effect::BodyForce),
         (effects.surface.is_some(), Effect::Surface),
         (effects.coriolis.is_some(), Effect::Coriolis),
         (effects.large_scale.is_some(), Effect::LargeScale),

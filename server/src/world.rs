@@ -9,6 +9,7 @@ use welkin_proto::{ApiError, Scene};
 use welkin_shaders::catalogue::{Field, Pass, Phase, VIEW_STAGES};
 use welkin_shaders::constants::GRAVITY_M_S2;
 use welkin_shaders::cpu::sim::Parameters;
+use welkin_shaders::cpu::sim::parameters::DiffusionScheme;
 use welkin_shaders::{CloudReductions, CloudVolume, Device, Reductions, Substep, Vitals};
 
 use crate::base_state::{self, BaseState};
@@ -250,7 +251,19 @@ impl World {
             let worst = self.reductions.viscosity_max_m2_s as f64 * (1.0f64).max(0.5 / t.prandtl as f64) * curvature;
             0.25 / worst.max(1e-9)
         });
-        by_speed.min(by_buoyancy).min(by_mixing)
+        let by_viscosity = match &self.parameters.constant_viscosity {
+            Some(mixing) if mixing.scheme == DiffusionScheme::Explicit => {
+                let grid = &self.parameters.grid;
+                let curvature: f64 = (0..3)
+                    .filter(|&a| grid.cells[a] > 1)
+                    .map(|a| (grid.cell_size_m[a] as f64).powi(-2))
+                    .sum();
+                let worst = mixing.viscosity_m2_s.max(mixing.diffusivity_m2_s) as f64 * curvature;
+                0.25 / worst.max(1e-9)
+            }
+            _ => f64::INFINITY,
+        };
+        by_speed.min(by_buoyancy).min(by_mixing).min(by_viscosity)
     }
 
     fn run(&mut self, pass: Pass, substep: &Substep) {

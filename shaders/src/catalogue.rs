@@ -172,6 +172,10 @@ pub enum Effect {
     Moisture,
     /// Smagorinsky-Lilly mixing.
     Turbulence,
+    /// Mixing by one viscosity everywhere.
+    ConstantViscosity,
+    /// A push within a part of the box.
+    BodyForce,
     /// Fluxes and drag at the ground.
     Surface,
     /// Coriolis force.
@@ -198,6 +202,8 @@ impl Effect {
             Effect::Heat => "heat",
             Effect::Moisture => "moisture",
             Effect::Turbulence => "turbulence",
+            Effect::ConstantViscosity => "constant_viscosity",
+            Effect::BodyForce => "body_force",
             Effect::Surface => "surface",
             Effect::Coriolis => "coriolis",
             Effect::LargeScale => "large_scale",
@@ -329,11 +335,11 @@ rungs! {
         "sweeps that each take the mean of the neighbours"
         keeps "some divergence, the more the fewer sweeps";
     RedBlackSor Pressure "red_black_sor" NO_SHADER, None,
-        "sweeps over the two colours of a chessboard, over-relaxed"
+        "sweeps over the columns of a chessboard's two colours, over-relaxed"
         keeps "some divergence, less than Jacobi at the same cost";
     Multigrid Pressure "multigrid" NO_SHADER, None,
-        "V-cycles over ever coarser grids"
-        keeps "little divergence, by a fixed factor less a cycle";
+        "V-cycles over grids ever coarser in x and y, columns relaxed as a whole"
+        keeps "little divergence, a tenth or less of it a cycle";
     Direct Pressure "direct" Devices::Both, None,
         "FFT in x and y, tridiagonal in z"
         keeps "no divergence but rounding";
@@ -467,6 +473,14 @@ passes! {
         reads [Heat, EddyViscosity] writes [SlowHeat] within DIFFERENCES "mixing of heat by eddies smaller than a cell";
     DiffuseWater "diffuse_scalar:water" Step needs [Turbulence, Moisture] unless None, rungs [SmagorinskyLilly],
         reads [Water, EddyViscosity] writes [SlowWater] within DIFFERENCES "mixing of water by eddies smaller than a cell";
+    ConstantViscosityMomentum "constant_viscosity:momentum" Step needs [ConstantViscosity] unless None, rungs [ConstantViscosity],
+        reads [VelocityX, VelocityY, VelocityZ] writes [SlowVelocityX, SlowVelocityY, SlowVelocityZ] within DIFFERENCES "mixing of momentum by one viscosity";
+    ConstantViscosityHeat "constant_viscosity:heat" Step needs [ConstantViscosity, Heat] unless None, rungs [ConstantViscosity],
+        reads [Heat] writes [SlowHeat] within DIFFERENCES "mixing of heat by one diffusivity";
+    ConstantViscosityWater "constant_viscosity:water" Step needs [ConstantViscosity, Moisture] unless None, rungs [ConstantViscosity],
+        reads [Water] writes [SlowWater] within DIFFERENCES "mixing of water by one diffusivity";
+    BodyForce "body_force" Step needs [BodyForce] unless None,
+        reads [VelocityX, VelocityY, VelocityZ] writes [SlowVelocityX, SlowVelocityY, SlowVelocityZ] within SAME "a push within a part of the box, as of a fan";
     SurfaceFlux "surface_flux" Step needs [Surface] unless None,
         reads [VelocityX, VelocityY] writes [SlowVelocityX, SlowVelocityY, SlowHeat, SlowWater] within SAME "heat and moisture from the ground, and its drag, into the lowest level";
     Coriolis "coriolis" Step needs [Coriolis] unless None,
@@ -494,6 +508,12 @@ passes! {
         reads [VelocityZ, CloudWater] writes [NextHeat] within SAME "what liquid-water potential temperature loses as cloudy air rises; after it has been carried";
     PressureSolve "pressure_solve" Stage needs [Flow] unless None, rungs [Direct],
         reads [NextVelocityX, NextVelocityY, NextVelocityZ] writes [Pressure] within SPECTRAL "the pressure that frees the mass flux of divergence: FFT in x, y and tridiagonal in z";
+    PressureJacobi "pressure_jacobi" Stage needs [Flow] unless None, rungs [Jacobi],
+        reads [NextVelocityX, NextVelocityY, NextVelocityZ, Pressure] writes [Pressure] within SPECTRAL "takes divergence from the mass flux: sweeps of Jacobi's method from the last pressure";
+    PressureRedBlackSor "pressure_red_black_sor" Stage needs [Flow] unless None, rungs [RedBlackSor],
+        reads [NextVelocityX, NextVelocityY, NextVelocityZ, Pressure] writes [Pressure] within SPECTRAL "takes divergence from the mass flux: columns over-relaxed in two colours, from the last pressure";
+    PressureMultigrid "pressure_multigrid" Stage needs [Flow] unless None, rungs [Multigrid],
+        reads [NextVelocityX, NextVelocityY, NextVelocityZ, Pressure] writes [Pressure] within SPECTRAL "takes divergence from the mass flux: V-cycles over grids coarser in x and y, from the last pressure";
     Project "project" Stage needs [Flow] unless None,
         reads [Pressure] writes [NextVelocityX, NextVelocityY, NextVelocityZ] within SAME "subtracts the pressure gradient; the stage's result becomes the state";
     PublishSaturation "saturation_adjustment:publish" Publish needs [Moisture] unless None, rungs [SaturationAdjustment],
@@ -510,7 +530,11 @@ impl Pass {
             matches!(f, SlowVelocityX | SlowVelocityY | SlowVelocityZ | SlowHeat | SlowWater)
         };
         let adds = self != Pass::SlowClear && self.info().writes.iter().any(held);
-        adds || matches!(self, Pass::Project | Pass::CloudyAscent)
+        let starts_from_last = matches!(
+            self,
+            Pass::PressureJacobi | Pass::PressureRedBlackSor | Pass::PressureMultigrid
+        );
+        adds || starts_from_last || matches!(self, Pass::Project | Pass::CloudyAscent)
     }
 
     /// Bytes a cell that it must move where `planned` fields are held: each value once, neighbours from cache. A pass of the lowest level alone moves
@@ -522,6 +546,10 @@ impl Pass {
             Pass::SurfaceFlux => 0,
             // Velocities and pressure once; the half spectrum, 4 bytes a cell, written and read twice, its pivots, 2 bytes, twice.
             Pass::PressureSolve => 16 + 16 + 4,
+            // With a single sweep or cycle; each further one moves 12, 16 or 80 more.
+            Pass::PressureJacobi => 20 + 12 + 8,
+            Pass::PressureRedBlackSor => 40 + 16,
+            Pass::PressureMultigrid => 40 + 80,
             _ => 4 * count(info.reads) + if self.changes() { 8 } else { 4 } * count(info.writes),
         }
     }

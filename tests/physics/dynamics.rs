@@ -47,6 +47,8 @@ fn plain(grid: Grid) -> Parameters {
         base_wind_x_m_s: vec![0.0; n],
         base_wind_y_m_s: vec![0.0; n],
         turbulence: None,
+        constant_viscosity: None,
+        body_force: None,
         surface: None,
         coriolis: None,
         large_scale: None,

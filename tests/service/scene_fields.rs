@@ -17,8 +17,33 @@ fn full() -> Value {
         "potential_temperature_k": 2.0, "total_water_kg_per_kg": 0.001, "temperature_k": 0.1,
         "virtual_potential_temperature_share": 0.001
     });
+    scene["effects"]["body_force"] = json!({
+        "lower_m": [0.0, 0.0, 0.0], "upper_m": [500.0, 6400.0, 3000.0],
+        "acceleration_m_s2": [0.01, 0.0, 0.0], "drag_per_s": 0.001
+    });
     scene["sun"] = json!({ "from": "fixed", "elevation_deg": 45.0, "azimuth_deg": 120.0 });
     scene
+}
+
+/// The same with the effect that excludes one of the others.
+fn full_of_viscosity() -> Value {
+    let mut scene = full();
+    scene["effects"]
+        .as_object_mut()
+        .expect("an object")
+        .remove("turbulence");
+    scene["effects"]["constant_viscosity"] =
+        json!({ "viscosity_m2_s": 75.0, "diffusivity_m2_s": 75.0, "scheme": "explicit" });
+    scene
+}
+
+/// The full scene that has something at `pointer`.
+fn full_with(pointer: &str) -> Value {
+    if pointer.contains("constant_viscosity") {
+        full_of_viscosity()
+    } else {
+        full()
+    }
 }
 
 /// The document with one value set (or, with `null`, removed) at a pointer.
@@ -81,9 +106,11 @@ fn presets_hold() {
 #[test]
 fn the_full_scene_is_good() {
     let scene = parse_scene(&full().to_string(), &Limits::default()).expect("a good scene");
-    let effects = serde_json::to_value(&scene.effects).expect("JSON");
+    let other = parse_scene(&full_of_viscosity().to_string(), &Limits::default()).expect("a good scene");
+    let [effects, others] = [scene, other].map(|s| serde_json::to_value(&s.effects).expect("JSON"));
     for (name, block) in effects.as_object().expect("an object") {
-        assert!(!block.is_null(), "{name} is missing: its bad values would go untested");
+        let there = !block.is_null() || !others[name].is_null();
+        assert!(there, "{name} is missing: its bad values would go untested");
     }
 }
 
@@ -91,9 +118,9 @@ fn the_full_scene_is_good() {
 fn every_number_has_a_range() {
     // Pointer, a value just below and just above what is allowed, and a part of the range that the message must name.
     let ranges = [
-        ("/domain/cells/0", json!(0), json!(513), "1 to 512"),
-        ("/domain/cells/1", json!(0), json!(4_000_000_000_u32), "1 to 512"),
-        ("/domain/cells/2", json!(1), json!(513), "two levels"),
+        ("/domain/cells/0", json!(0), json!(1025), "1 to 1024"),
+        ("/domain/cells/1", json!(0), json!(4_000_000_000_u32), "1 to 1024"),
+        ("/domain/cells/2", json!(1), json!(1025), "two levels"),
         ("/domain/cell_size_m/0", json!(0.0), json!(100_001.0), "0.1 to 100000"),
         ("/domain/cell_size_m/1", json!(-100.0), json!(1e300), "0.1 to 100000"),
         ("/domain/cell_size_m/2", json!(0.09), json!(1000.0), "0."),
@@ -158,6 +185,37 @@ fn every_number_has_a_range() {
             json!(11.0),
             "0.1 to 10",
         ),
+        (
+            "/effects/constant_viscosity/viscosity_m2_s",
+            json!(-1.0),
+            json!(2e5),
+            "0 to 100000",
+        ),
+        (
+            "/effects/constant_viscosity/diffusivity_m2_s",
+            json!(-1.0),
+            json!(2e5),
+            "0 to 100000",
+        ),
+        (
+            "/effects/body_force/lower_m/0",
+            json!(-2e6),
+            json!(2e6),
+            "-1000000 to 1000000",
+        ),
+        (
+            "/effects/body_force/upper_m/2",
+            json!(-2e6),
+            json!(2e6),
+            "-1000000 to 1000000",
+        ),
+        (
+            "/effects/body_force/acceleration_m_s2/1",
+            json!(-11.0),
+            json!(11.0),
+            "-10 to 10",
+        ),
+        ("/effects/body_force/drag_per_s", json!(-0.1), json!(11.0), "0 to 10"),
         ("/effects/surface/heat_flux_k_m_s", json!(-1.1), json!(15.0), "-1 to 1"),
         (
             "/effects/surface/moisture_flux_m_s",
@@ -275,12 +333,14 @@ fn every_number_has_a_range() {
     ];
     for (pointer, below, above, part) in &ranges {
         for value in [below, above] {
-            check(&spoilt(full(), pointer, value.clone()), "out_of_range", pointer, part);
+            let document = spoilt(full_with(pointer), pointer, value.clone());
+            check(&document, "out_of_range", pointer, part);
         }
     }
     // Nothing numeric is left out: every number of the full scene lies at a pointer above, but for those judged elsewhere.
     let mut numbers = Vec::new();
     collect_numbers(&full(), String::new(), &mut numbers);
+    collect_numbers(&full_of_viscosity(), String::new(), &mut numbers);
     let covered: Vec<String> = ranges.iter().map(|(pointer, ..)| without_indices(pointer)).collect();
     for pointer in numbers {
         let place = without_indices(&pointer);
@@ -628,6 +688,38 @@ fn commands_have_ranges() {
         );
     }
     validate::command(&Command::Pause {}).expect("nothing to refuse");
+}
+
+#[test]
+fn only_one_effect_may_mix_and_a_region_has_a_size() {
+    let mut both = full_of_viscosity();
+    both["effects"]["turbulence"] = full()["effects"]["turbulence"].clone();
+    check(&both, "effect_conflict", "/effects/constant_viscosity", "`turbulence`");
+    let mut cold = full_of_viscosity();
+    cold["effects"] =
+        json!({ "flow": { "courant_max": 1.0 }, "constant_viscosity": cold["effects"]["constant_viscosity"] });
+    check(
+        &cold,
+        "effect_needs",
+        "/effects/constant_viscosity/diffusivity_m2_s",
+        "`heat`",
+    );
+    cold["effects"]["constant_viscosity"] = json!({ "viscosity_m2_s": 75.0, "scheme": "implicit" });
+    parse_scene(&cold.to_string(), &Limits::default()).expect("a viscosity alone is good");
+    for effect in ["constant_viscosity", "body_force"] {
+        let mut still = full_with(effect);
+        still["effects"] = json!({ effect: still["effects"][effect] });
+        check(&still, "effect_needs", &format!("/effects/{effect}"), "`flow`");
+    }
+    let scheme = "/effects/constant_viscosity/scheme";
+    check(
+        &spoilt(full_of_viscosity(), scheme, json!("crank_nicolson")),
+        "bad_scene",
+        scheme,
+        "implicit",
+    );
+    let upper = "/effects/body_force/upper_m/1";
+    check(&spoilt(full(), upper, json!(0.0)), "not_rising", upper, "lower");
 }
 
 #[test]

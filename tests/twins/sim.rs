@@ -5,6 +5,7 @@ mod common;
 use std::sync::Arc;
 
 use common::{adapter, noise};
+use welkin_proto::scene::BodyForce;
 use welkin_proto::{Scene, presets};
 use welkin_server::world::World;
 use welkin_shaders::catalogue::{Field, Pass};
@@ -18,6 +19,13 @@ fn scene(cells: [u32; 3]) -> Scene {
     let mut scene = presets::find("fair-weather-cumulus").expect("a preset");
     scene.domain.cells = cells;
     scene.domain.cell_size_m[2] = 3000.0 / cells[2] as f64;
+    let size = [0, 1, 2].map(|a| f64::from(cells[a]) * scene.domain.cell_size_m[a]);
+    scene.effects.body_force = Some(BodyForce {
+        lower_m: size.map(|l| 0.2 * l),
+        upper_m: size.map(|l| 0.9 * l),
+        acceleration_m_s2: [0.02, -0.01, 0.005],
+        drag_per_s: 0.003,
+    });
     scene
 }
 

@@ -6,8 +6,7 @@ use rayon::prelude::*;
 
 use super::fields::Fields;
 use super::sim::advect::Scratch;
-use super::sim::parameters::Parameters;
-use super::sim::pressure_solve::Solver;
+use super::sim::parameters::{DiffusionScheme, Parameters, PressureMethod};
 use super::sim::slab::slab_count;
 use super::sim::*;
 use crate::catalogue::{Field, Pass};
@@ -22,6 +21,53 @@ pub struct Cpu {
     cloud_levels: Vec<reduce_cloud::Level>,
     vital_levels: Vec<Vitals>,
     solver: Option<Solver>,
+    /// Two fields for the implicit diffusion's sweeps; empty without it.
+    diffusion: [Vec<f32>; 2],
+    /// The pressures that slots keep beside the state, for solvers that start from the last one; empty where a slot has none.
+    kept_pressures: Vec<Vec<f32>>,
+}
+
+/// The chosen pressure solver.
+enum Solver {
+    Direct(pressure_solve::Solver),
+    Jacobi(pressure_jacobi::Solver, u32),
+    RedBlackSor(pressure_red_black_sor::Solver, u32, f32),
+    Multigrid(pressure_multigrid::Solver, u32),
+}
+
+impl Solver {
+    fn new(parameters: &Parameters) -> Self {
+        match parameters.methods.pressure {
+            PressureMethod::Direct => Self::Direct(pressure_solve::Solver::new(parameters)),
+            PressureMethod::Jacobi { sweeps } => Self::Jacobi(pressure_jacobi::Solver::new(parameters), sweeps),
+            PressureMethod::RedBlackSor { sweeps, relaxation } => {
+                Self::RedBlackSor(pressure_red_black_sor::Solver::new(parameters), sweeps, relaxation)
+            }
+            PressureMethod::Multigrid { cycles } => {
+                Self::Multigrid(pressure_multigrid::Solver::new(parameters), cycles)
+            }
+        }
+    }
+
+    fn run(&mut self, parameters: &Parameters, velocity: [&[f32]; 3], dt_s: f32, pressure: &mut [f32]) {
+        match self {
+            Self::Direct(solver) => solver.run(parameters, velocity, dt_s, pressure),
+            Self::Jacobi(solver, sweeps) => solver.run(parameters, velocity, dt_s, *sweeps, pressure),
+            Self::RedBlackSor(solver, sweeps, relaxation) => {
+                solver.run(parameters, velocity, dt_s, *sweeps, *relaxation, pressure);
+            }
+            Self::Multigrid(solver, cycles) => solver.run(parameters, velocity, dt_s, *cycles, pressure),
+        }
+    }
+
+    fn bytes(&self) -> usize {
+        match self {
+            Self::Direct(solver) => solver.bytes(),
+            Self::Jacobi(solver, ..) => solver.bytes(),
+            Self::RedBlackSor(solver, ..) => solver.bytes(),
+            Self::Multigrid(solver, ..) => solver.bytes(),
+        }
+    }
 }
 
 impl Cpu {
@@ -39,6 +85,13 @@ impl Cpu {
             cloud_levels: vec![reduce_cloud::Level::default(); grid.cells[2]],
             vital_levels: vec![Vitals::default(); grid.cells[2]],
             solver: planned.contains(&Field::Pressure).then(|| Solver::new(&parameters)),
+            diffusion: match &parameters.constant_viscosity {
+                Some(mixing) if mixing.scheme == DiffusionScheme::Implicit => {
+                    [vec![0.0; grid.len()], vec![0.0; grid.len()]]
+                }
+                _ => Default::default(),
+            },
+            kept_pressures: Vec::new(),
             parameters,
         }
     }
@@ -130,6 +183,33 @@ impl Cpu {
         });
     }
 
+    fn constant_viscosity<const N: usize>(&mut self, states: [Field; N], slow: [Field; N], substep_s: f32) {
+        let mut scratch = std::mem::take(&mut self.diffusion);
+        for (state, slow) in states.into_iter().zip(slow) {
+            self.writing([slow], |d, [out]| {
+                let Some(mixing) = &d.parameters.constant_viscosity else {
+                    return;
+                };
+                let coefficient = match state {
+                    Field::Heat | Field::Water => mixing.diffusivity_m2_s,
+                    _ => mixing.viscosity_m2_s,
+                };
+                let at_z_face = state == Field::VelocityZ;
+                let field = d.fields.get(state);
+                constant_viscosity::run(
+                    &d.parameters,
+                    coefficient,
+                    field,
+                    at_z_face,
+                    substep_s,
+                    &mut scratch,
+                    out,
+                );
+            });
+        }
+        self.diffusion = scratch;
+    }
+
     fn large_scale(&mut self, state: Field, slow: Field) {
         self.writing([slow], |d, [out]| {
             let source = match (&d.parameters.large_scale, state) {
@@ -190,6 +270,31 @@ impl Device for Cpu {
             ),
             Pass::DiffuseHeat => self.diffuse_scalar(Field::Heat, Field::SlowHeat),
             Pass::DiffuseWater => self.diffuse_scalar(Field::Water, Field::SlowWater),
+            Pass::ConstantViscosityMomentum => self.constant_viscosity(
+                [Field::VelocityX, Field::VelocityY, Field::VelocityZ],
+                [Field::SlowVelocityX, Field::SlowVelocityY, Field::SlowVelocityZ],
+                substep.substep_s,
+            ),
+            Pass::ConstantViscosityHeat => {
+                self.constant_viscosity([Field::Heat], [Field::SlowHeat], substep.substep_s);
+            }
+            Pass::ConstantViscosityWater => {
+                self.constant_viscosity([Field::Water], [Field::SlowWater], substep.substep_s);
+            }
+            Pass::BodyForce => {
+                for (axis, (state, slow)) in [
+                    (Field::VelocityX, Field::SlowVelocityX),
+                    (Field::VelocityY, Field::SlowVelocityY),
+                    (Field::VelocityZ, Field::SlowVelocityZ),
+                ]
+                .into_iter()
+                .enumerate()
+                {
+                    self.writing([slow], |d, [out]| {
+                        body_force::run(&d.parameters, axis, d.fields.get(state), substep.substep_s, out);
+                    });
+                }
+            }
             Pass::SurfaceFlux => {
                 self.writing(
                     [
@@ -242,7 +347,7 @@ impl Device for Cpu {
                 substep,
             ),
             Pass::AdvectMomentum => self.advect_momentum(substep),
-            Pass::PressureSolve => {
+            Pass::PressureSolve | Pass::PressureJacobi | Pass::PressureRedBlackSor | Pass::PressureMultigrid => {
                 let Some(mut solver) = self.solver.take() else { return };
                 self.writing([Field::Pressure], |d, [out]| {
                     let velocity =
@@ -319,7 +424,7 @@ impl Device for Cpu {
     }
 
     fn solver_bytes(&self) -> usize {
-        self.solver.as_ref().map_or(0, Solver::bytes)
+        self.solver.as_ref().map_or(0, Solver::bytes) + 4 * self.diffusion.iter().map(Vec::len).sum::<usize>()
     }
 
     fn vitals(&mut self) -> Vitals {
@@ -338,17 +443,39 @@ impl Device for Cpu {
 
     fn save(&mut self, slot: usize) {
         self.fields.save(slot);
+        if self.parameters.methods.pressure.is_iterative() {
+            while self.kept_pressures.len() <= slot {
+                self.kept_pressures.push(Vec::new());
+            }
+            let kept = &mut self.kept_pressures[slot];
+            kept.clear();
+            kept.extend_from_slice(self.fields.get(Field::Pressure));
+        }
     }
 
     fn save_start(&mut self, slot: usize) {
         self.fields.exchange_start(slot);
+        // The pressure that the substep started from is gone, and the one that it ended with may be what spoilt it.
+        if let Some(kept) = self.kept_pressures.get_mut(slot) {
+            kept.clear();
+        }
     }
 
     fn restore(&mut self, slot: usize) -> bool {
-        self.fields.restore(slot)
+        let restored = self.fields.restore(slot);
+        if restored && self.parameters.methods.pressure.is_iterative() {
+            let kept: &[f32] = self.kept_pressures.get(slot).map_or(&[], Vec::as_slice);
+            let pressure = self.fields.get_mut(Field::Pressure);
+            if kept.len() == pressure.len() {
+                pressure.copy_from_slice(kept);
+            } else {
+                pressure.fill(0.0);
+            }
+        }
+        restored
     }
 
     fn saved_bytes(&self) -> usize {
-        self.fields.saved_bytes()
+        self.fields.saved_bytes() + 4 * self.kept_pressures.iter().map(Vec::len).sum::<usize>()
     }
 }

@@ -98,6 +98,14 @@ pub fn dispatches(pass: Pass) -> &'static [Dispatch] {
         Pass::DiffuseWater => {
             dispatches!("sim/diffuse_scalar" "main" Cells [Read(Water), Read(EddyViscosity), Change(SlowWater)])
         }
+        Pass::BodyForce => dispatches!(
+            "sim/body_force" "velocity_x" Cells [Read(VelocityX), Change(SlowVelocityX)];
+            "sim/body_force" "velocity_y" Cells [Read(VelocityY), Change(SlowVelocityY)];
+            "sim/body_force" "velocity_z" Cells [Read(VelocityZ), Change(SlowVelocityZ)]
+        ),
+        // On the CPU alone; their rungs say why.
+        Pass::ConstantViscosityMomentum | Pass::ConstantViscosityHeat | Pass::ConstantViscosityWater => &[],
+        Pass::PressureJacobi | Pass::PressureRedBlackSor | Pass::PressureMultigrid => &[],
         Pass::SurfaceFlux => dispatches!(
             "sim/surface_flux" "main" Ground
             [Read(VelocityX), Read(VelocityY), Change(SlowVelocityX), Change(SlowVelocityY), Change(SlowHeat), Change(SlowWater)]

@@ -46,6 +46,7 @@ modules! {
     "sim/surface_flux" constants [surface_flux::WGSL] structs [];
     "sim/coriolis" constants [] structs [];
     "sim/large_scale" constants [] structs [];
+    "sim/body_force" constants [] structs [];
     "sim/sponge" constants [] structs [];
     "sim/advect_scalar" constants [] structs [];
     "sim/advect_momentum" constants [] structs [];

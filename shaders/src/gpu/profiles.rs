@@ -1,7 +1,7 @@
 //! What a world's passes are told on the GPU: one uniform struct, one for each Runge-Kutta stage, and the profiles in one storage buffer.
 
 use crate::catalogue::Field;
-use crate::cpu::sim::{Parameters, cloud_extinction, cloudy_ascent, eddy_viscosity};
+use crate::cpu::sim::{Parameters, body_force, cloud_extinction, cloudy_ascent, eddy_viscosity};
 use crate::device::Substep;
 
 crate::gpu_struct! {
@@ -13,6 +13,10 @@ crate::gpu_struct! {
         pub per_cell_size_m: [f32; 4],
         /// Cell sizes, m; the last is unused.
         pub cell_size_m: [f32; 4],
+        /// The body force's region along each axis: first place and end of centres, then of faces.
+        pub force_region: [[u32; 4]; 3],
+        /// The body force's acceleration, m/s2, and its drag, 1/s.
+        pub force: [f32; 4],
         /// See [`Parameters::heat_reference_k`].
         pub heat_reference_k: f32,
         /// Viscosity over diffusivity.
@@ -138,6 +142,16 @@ impl Sim {
             cells: [cells[0], cells[1], cells[2], cells[0] * cells[1]],
             per_cell_size_m: [1.0 / dx, 1.0 / dy, 1.0 / dz, 0.0],
             cell_size_m: [dx, dy, dz, 0.0],
+            force_region: [0, 1, 2].map(|a| {
+                p.body_force.as_ref().map_or([0; 4], |f| {
+                    let [centres, faces] = [false, true].map(|at_face| body_force::range(&p.grid, f, a, at_face));
+                    [centres.start, centres.end, faces.start, faces.end].map(|i| i as u32)
+                })
+            }),
+            force: p.body_force.as_ref().map_or([0.0; 4], |f| {
+                let [x, y, z] = f.acceleration_m_s2;
+                [x, y, z, f.drag_per_s]
+            }),
             heat_reference_k: p.heat_reference_k,
             prandtl: p.turbulence.as_ref().map_or(1.0, |t| t.prandtl),
             coriolis_parameter_per_s: p.coriolis.as_ref().map_or(0.0, |c| c.parameter_per_s),

@@ -28,6 +28,10 @@ pub struct Parameters {
     pub base_wind_y_m_s: Vec<f32>,
     /// Smagorinsky-Lilly.
     pub turbulence: Option<Turbulence>,
+    /// One viscosity everywhere.
+    pub constant_viscosity: Option<ConstantViscosity>,
+    /// A push within a part of the box.
+    pub body_force: Option<BodyForce>,
     /// The ground's fluxes.
     pub surface: Option<Surface>,
     /// Rotation.
@@ -93,6 +97,11 @@ pub enum PressureMethod {
 }
 
 impl PressureMethod {
+    /// Whether it starts from the last pressure, which is then part of what a continuation needs.
+    pub fn is_iterative(&self) -> bool {
+        *self != Self::Direct
+    }
+
     /// Its rung.
     pub fn rung(&self) -> Rung {
         match self {
@@ -111,6 +120,39 @@ pub struct Turbulence {
     pub coefficient: f32,
     /// Viscosity over diffusivity.
     pub prandtl: f32,
+}
+
+/// Parameters of the constant viscosity.
+#[derive(Clone, Debug)]
+pub struct ConstantViscosity {
+    /// Of momentum, m2/s.
+    pub viscosity_m2_s: f32,
+    /// Of heat and water, m2/s.
+    pub diffusivity_m2_s: f32,
+    /// How time is stepped.
+    pub scheme: DiffusionScheme,
+}
+
+/// How diffusion steps through time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DiffusionScheme {
+    /// From the state as it is; bounds the substep.
+    Explicit,
+    /// From the state to come, by Jacobi's iteration; bounds nothing.
+    Implicit,
+}
+
+/// Parameters of the body force.
+#[derive(Clone, Debug)]
+pub struct BodyForce {
+    /// The region's lower corner, m.
+    pub lower_m: [f32; 3],
+    /// The region's upper corner, m.
+    pub upper_m: [f32; 3],
+    /// Acceleration, m/s2.
+    pub acceleration_m_s2: [f32; 3],
+    /// Drag, 1/s.
+    pub drag_per_s: f32,
 }
 
 /// Parameters of the ground.

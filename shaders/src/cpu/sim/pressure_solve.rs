@@ -211,7 +211,7 @@ pub fn for_each_pivot(parameters: &Parameters, mut put: impl FnMut(usize, usize,
 
 /// `scale * div(rho v)` of one row, kg/m3/s times scale.
 #[inline(always)]
-fn mass_divergence_row(
+pub(super) fn mass_divergence_row(
     parameters: &Parameters,
     velocity: [&[f32]; 3],
     scale: f32,
