@@ -167,7 +167,7 @@ impl Gpu {
             .enumerate()
             .map(|(n, u)| match *u {
                 Use::Start(_, start) if stage > 0 => self.memory(start, n),
-                u => self.memory(u.field(), n),
+                u => u.field().map_or(&self.nothing[n], |f| self.memory(f, n)),
             })
             .collect();
         let mut numbers = [255; 8];
@@ -209,7 +209,7 @@ impl Gpu {
                 let wanted = dispatch
                     .uses
                     .iter()
-                    .any(|u| u.bind() == Bind::Write && self.holds(u.field()));
+                    .any(|u| u.bind() == Bind::Write && u.field().is_some_and(|f| self.holds(f)));
                 let Some((number, kernel)) = self.kernels.get(&(dispatch.module, dispatch.entry)) else {
                     continue;
                 };

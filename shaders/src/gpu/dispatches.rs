@@ -12,21 +12,24 @@ pub enum Use {
     Write(Field),
     /// Changes it in place.
     Change(Field),
+    /// Binds nothing: another entry point of the module reads something there.
+    Nothing,
     /// Reads the substep's start: the state itself (first) in the first stage, later where it is kept (second).
     Start(Field, Field),
 }
 
 impl Use {
     /// The field.
-    pub fn field(self) -> Field {
+    pub fn field(self) -> Option<Field> {
         match self {
-            Use::Read(f) | Use::Write(f) | Use::Change(f) | Use::Start(f, _) => f,
+            Use::Read(f) | Use::Write(f) | Use::Change(f) | Use::Start(f, _) => Some(f),
+            Use::Nothing => None,
         }
     }
     /// How it is bound.
     pub fn bind(self) -> Bind {
         match self {
-            Use::Read(_) | Use::Start(..) => Bind::Read,
+            Use::Read(_) | Use::Start(..) | Use::Nothing => Bind::Read,
             Use::Write(_) | Use::Change(_) => Bind::Write,
         }
     }
@@ -65,7 +68,7 @@ pub struct Dispatch {
 
 use Field::*;
 use Groups::{Cells, Climbs, Ground};
-use Use::{Change, Read, Start, Write};
+use Use::{Change, Nothing, Read, Start, Write};
 
 macro_rules! dispatches {
     ($($module:literal $entry:literal $groups:ident [$($use:expr),* $(,)?]);* $(;)?) => {
@@ -136,9 +139,9 @@ pub fn dispatches(pass: Pass) -> &'static [Dispatch] {
         ),
         Pass::AdvectMomentum => dispatches!(
             "sim/advect_momentum" "velocity_x" Climbs
-            [Read(VelocityX), Read(VelocityY), Read(VelocityZ), Start(VelocityX, StartVelocityX), Read(SlowVelocityX), Read(Buoyancy), Write(NextVelocityX)];
+            [Read(VelocityX), Read(VelocityY), Read(VelocityZ), Start(VelocityX, StartVelocityX), Read(SlowVelocityX), Nothing, Write(NextVelocityX)];
             "sim/advect_momentum" "velocity_y" Climbs
-            [Read(VelocityX), Read(VelocityY), Read(VelocityZ), Start(VelocityY, StartVelocityY), Read(SlowVelocityY), Read(Buoyancy), Write(NextVelocityY)];
+            [Read(VelocityX), Read(VelocityY), Read(VelocityZ), Start(VelocityY, StartVelocityY), Read(SlowVelocityY), Nothing, Write(NextVelocityY)];
             "sim/advect_momentum" "velocity_z" Climbs
             [Read(VelocityX), Read(VelocityY), Read(VelocityZ), Start(VelocityZ, StartVelocityZ), Read(SlowVelocityZ), Read(Buoyancy), Write(NextVelocityZ)]
         ),
@@ -168,7 +171,7 @@ pub fn bytes_per_cell(pass: Pass, planned: &[Field]) -> u64 {
         _ => dispatches(pass)
             .iter()
             .flat_map(|d| d.uses.iter())
-            .filter(|u| planned.contains(&u.field()))
+            .filter(|u| u.field().is_some_and(|f| planned.contains(&f)))
             .map(|u| u.bytes())
             .sum(),
     }
