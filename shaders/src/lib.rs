@@ -8,6 +8,7 @@ pub mod cpu;
 pub mod device;
 pub mod gpu;
 pub mod grid;
+pub mod view;
 pub mod volume;
 pub mod wgsl;
 

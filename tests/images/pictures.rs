@@ -276,3 +276,14 @@ fn a_whole_tile_of_displacement_changes_next_to_nothing() {
     let worst = a.iter().zip(&b).map(|(a, b)| a.abs_diff(*b)).max().unwrap_or(0);
     assert!(worst <= 2, "worst difference {worst}");
 }
+
+/// Rays that have left the cloud's heights while others of their packet are still in cloud: each pixel by day has some light.
+#[test]
+fn no_pixel_is_black_by_day() {
+    let cloud = cumulus_field(7, 12);
+    let mut view = settings(83, 45);
+    view.detail = None;
+    let picture = draw(Some(&cloud), &view);
+    let black = picture.chunks(3).filter(|rgb| rgb.iter().all(|c| *c == 0)).count();
+    assert_eq!(black, 0);
+}

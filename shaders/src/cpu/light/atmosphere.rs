@@ -4,24 +4,42 @@
 //! after Hillaire (2020), "A Scalable and Production Ready Sky and Atmosphere Rendering Technique", table 1. With a
 //! visibility, the aerosol is what Koschmieder's law asks for: extinction near the ground = 3 / visibility.
 
-/// Radius of the Earth, m.
-pub const EARTH_RADIUS_M: f32 = 6_360_000.0;
-/// Depth of air that is marched through, m.
-pub const DEPTH_M: f32 = 80_000.0;
-/// Scattering by molecules at sea level, 1/m.
-pub const RAYLEIGH_PER_M: [f32; 3] = [5.802e-6, 13.558e-6, 33.1e-6];
+crate::constants! {
+    /// Radius of the Earth, m.
+    pub const EARTH_RADIUS_M: f32 = 6_360_000.0;
+    /// Depth of air that is marched through, m.
+    pub const AIR_DEPTH_M: f32 = 80_000.0;
+    /// Scattering of red light by molecules at sea level, 1/m.
+    pub const RAYLEIGH_RED_PER_M: f32 = 5.802e-6;
+    /// The same of green light.
+    pub const RAYLEIGH_GREEN_PER_M: f32 = 13.558e-6;
+    /// The same of blue light.
+    pub const RAYLEIGH_BLUE_PER_M: f32 = 33.1e-6;
+    /// Absorption of red light by ozone at the layer's middle, 1/m.
+    const OZONE_RED_PER_M: f32 = 0.650e-6;
+    /// The same of green light.
+    const OZONE_GREEN_PER_M: f32 = 1.881e-6;
+    /// The same of blue light.
+    const OZONE_BLUE_PER_M: f32 = 0.085e-6;
+    /// Height of the ozone layer's middle above sea level, m.
+    const OZONE_MIDDLE_M: f32 = 25_000.0;
+    /// Distance from there to where the layer ends, m.
+    const OZONE_HALF_DEPTH_M: f32 = 15_000.0;
+    /// Scale height of molecules, m.
+    pub const RAYLEIGH_HEIGHT_M: f32 = 8_000.0;
+    /// Scale height of aerosol, m.
+    pub const AEROSOL_HEIGHT_M: f32 = 1_200.0;
+    /// Share of aerosol extinction that is scattering.
+    const AEROSOL_ALBEDO: f32 = 0.92;
+    /// Asymmetry of aerosol scattering.
+    pub const AEROSOL_ASYMMETRY: f32 = 0.76;
+}
+/// Scattering by molecules at sea level, red, green, blue, 1/m.
+pub const RAYLEIGH_PER_M: [f32; 3] = [RAYLEIGH_RED_PER_M, RAYLEIGH_GREEN_PER_M, RAYLEIGH_BLUE_PER_M];
 /// Absorption by ozone at the layer's middle, 1/m.
-const OZONE_PER_M: [f32; 3] = [0.650e-6, 1.881e-6, 0.085e-6];
-/// Scale height of molecules, m.
-pub const RAYLEIGH_HEIGHT_M: f32 = 8_000.0;
-/// Scale height of aerosol, m.
-pub const AEROSOL_HEIGHT_M: f32 = 1_200.0;
+const OZONE_PER_M: [f32; 3] = [OZONE_RED_PER_M, OZONE_GREEN_PER_M, OZONE_BLUE_PER_M];
 /// Extinction by aerosol near the ground in clean air, 1/m.
 const CLEAN_AEROSOL_PER_M: f32 = 4.4e-6;
-/// Share of aerosol extinction that is scattering.
-const AEROSOL_ALBEDO: f32 = 0.92;
-/// Asymmetry of aerosol scattering.
-pub const AEROSOL_ASYMMETRY: f32 = 0.76;
 
 /// The clear air over a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,7 +84,7 @@ impl Atmosphere {
         let altitude_m = self.surface_altitude_m + height_m;
         let molecules = (-altitude_m / RAYLEIGH_HEIGHT_M).exp();
         let aerosol = (-height_m.max(0.0) / AEROSOL_HEIGHT_M).exp() * self.aerosol_per_m;
-        let ozone = (1.0 - (altitude_m - 25_000.0).abs() / 15_000.0).max(0.0);
+        let ozone = (1.0 - (altitude_m - OZONE_MIDDLE_M).abs() / OZONE_HALF_DEPTH_M).max(0.0);
         let rayleigh_per_m = RAYLEIGH_PER_M.map(|b| b * molecules);
         Coefficients {
             rayleigh_per_m,

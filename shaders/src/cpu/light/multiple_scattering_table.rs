@@ -7,14 +7,24 @@
 use rayon::prelude::*;
 
 use super::atmosphere::{
-    Atmosphere, DEPTH_M, EARTH_RADIUS_M, distance_to_ground_m, distance_to_shell_m, height_along_m,
+    AIR_DEPTH_M, Atmosphere, EARTH_RADIUS_M, distance_to_ground_m, distance_to_shell_m, height_along_m,
 };
 use super::transmittance_table::{TransmittanceTable, bilinear};
 
-const HEIGHTS: usize = 12;
-const SUNS: usize = 24;
-const STEPS: usize = 16;
-const GROUND_ALBEDO: f32 = 0.15;
+crate::constants! {
+    /// Rows of the table.
+    pub const MULTIPLE_HEIGHTS: usize = 12;
+    /// Columns of the table.
+    pub const MULTIPLE_SUNS: usize = 24;
+    const MULTIPLE_STEPS: usize = 16;
+    /// Rings of directions.
+    const MULTIPLE_RINGS: usize = 8;
+    /// Directions a ring.
+    const MULTIPLE_AROUND: usize = 4;
+    const MULTIPLE_GROUND_ALBEDO: f32 = 0.15;
+    /// Most that is taken to be scattered on, so that the series ends.
+    const MULTIPLE_SHARE_MAX: f32 = 0.95;
+}
 
 /// See the module.
 #[derive(Clone, Debug)]
@@ -25,22 +35,31 @@ pub struct MultipleScatteringTable {
 impl MultipleScatteringTable {
     /// Computes the table; a few ms.
     pub fn new(air: &Atmosphere, transmittance: &TransmittanceTable) -> MultipleScatteringTable {
-        let values = (0..HEIGHTS * SUNS)
+        let values = (0..MULTIPLE_HEIGHTS * MULTIPLE_SUNS)
             .into_par_iter()
             .map(|n| {
-                let (j, i) = (n / SUNS, n % SUNS);
-                let y = j as f32 / (HEIGHTS - 1) as f32;
-                let mu = sun_cosine(i as f32 / (SUNS - 1) as f32);
-                one(air, transmittance, (y * y * DEPTH_M).clamp(1.0, DEPTH_M - 10.0), mu)
+                let (j, i) = (n / MULTIPLE_SUNS, n % MULTIPLE_SUNS);
+                let y = j as f32 / (MULTIPLE_HEIGHTS - 1) as f32;
+                let mu = sun_cosine(i as f32 / (MULTIPLE_SUNS - 1) as f32);
+                one(
+                    air,
+                    transmittance,
+                    (y * y * AIR_DEPTH_M).clamp(1.0, AIR_DEPTH_M - 10.0),
+                    mu,
+                )
             })
             .collect();
         MultipleScatteringTable { values }
     }
+    /// All texels, `[height][sun]`.
+    pub fn texels(&self) -> &[[f32; 3]] {
+        &self.values
+    }
     /// Radiance per unit of sun irradiance at `height_m` with the sun's zenith cosine `mu`.
     pub fn at(&self, height_m: f32, mu: f32) -> [f32; 3] {
-        let y = (height_m.max(0.0) / DEPTH_M).sqrt().min(1.0) * (HEIGHTS - 1) as f32;
-        let x = (0.5 + 0.5 * mu.signum() * mu.abs().min(1.0).sqrt()) * (SUNS - 1) as f32;
-        bilinear(&self.values, SUNS, HEIGHTS, x, y)
+        let y = (height_m.max(0.0) / AIR_DEPTH_M).sqrt().min(1.0) * (MULTIPLE_HEIGHTS - 1) as f32;
+        let x = (0.5 + 0.5 * mu.signum() * mu.abs().min(1.0).sqrt()) * (MULTIPLE_SUNS - 1) as f32;
+        bilinear(&self.values, MULTIPLE_SUNS, MULTIPLE_HEIGHTS, x, y)
     }
 }
 
@@ -53,7 +72,7 @@ fn sun_cosine(x: f32) -> f32 {
 fn one(air: &Atmosphere, transmittance: &TransmittanceTable, height_m: f32, sun_mu: f32) -> [f32; 3] {
     let mut second = [0.0f32; 3];
     let mut passed_on = [0.0f32; 3];
-    let (rings, around) = (8, 4);
+    let (rings, around) = (MULTIPLE_RINGS, MULTIPLE_AROUND);
     let sun = [(1.0 - sun_mu * sun_mu).max(0.0).sqrt(), 0.0, sun_mu];
     for ring in 0..rings {
         for a in 0..around {
@@ -62,11 +81,11 @@ fn one(air: &Atmosphere, transmittance: &TransmittanceTable, height_m: f32, sun_
             let side = (1.0 - mu * mu).sqrt();
             let direction = [side * azimuth.cos(), side * azimuth.sin(), mu];
             let ground = distance_to_ground_m(height_m, mu);
-            let whole = ground.unwrap_or_else(|| distance_to_shell_m(height_m, mu, DEPTH_M));
+            let whole = ground.unwrap_or_else(|| distance_to_shell_m(height_m, mu, AIR_DEPTH_M));
             let mut through = [1.0f32; 3];
             let mut before = 0.0;
-            for s in 0..STEPS {
-                let f = (s + 1) as f32 / STEPS as f32;
+            for s in 0..MULTIPLE_STEPS {
+                let f = (s + 1) as f32 / MULTIPLE_STEPS as f32;
                 let after = whole * f * f;
                 let at = 0.5 * (before + after);
                 let h = height_along_m(height_m, mu, at).max(0.0);
@@ -87,13 +106,14 @@ fn one(air: &Atmosphere, transmittance: &TransmittanceTable, height_m: f32, sun_
                 let local_mu = local_sun_cosine(height_m, direction, sun, distance, 0.0);
                 let lit = transmittance.of_sun(0.0, local_mu);
                 for k in 0..3 {
-                    second[k] += through[k] * lit[k] * local_mu.max(0.0) * GROUND_ALBEDO / std::f32::consts::PI;
+                    second[k] +=
+                        through[k] * lit[k] * local_mu.max(0.0) * MULTIPLE_GROUND_ALBEDO / std::f32::consts::PI;
                 }
             }
         }
     }
     let n = (rings * around) as f32;
-    [0, 1, 2].map(|k| (second[k] / n) / (1.0 - (passed_on[k] / n).min(0.95)))
+    [0, 1, 2].map(|k| (second[k] / n) / (1.0 - (passed_on[k] / n).min(MULTIPLE_SHARE_MAX)))
 }
 
 /// Cosine of the sun's zenith angle at `distance_m` along `direction` from `height_m`, where the height is `h`.

@@ -12,6 +12,15 @@ use super::multiple_scattering_table::MultipleScatteringTable;
 use super::sky_table::radiance;
 use super::transmittance_table::TransmittanceTable;
 
+crate::constants! {
+    /// Rings of directions.
+    const SKY_LIGHT_RINGS: usize = 8;
+    /// Directions a ring.
+    const SKY_LIGHT_AROUND: usize = 12;
+    /// Height that the sky is seen from, m.
+    const SKY_LIGHT_HEIGHT_M: f32 = 10.0;
+}
+
 /// Light for clouds and ground, relative to the sun's irradiance above the atmosphere.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SkyLight {
@@ -39,7 +48,7 @@ impl SkyLight {
         sun_direction: [f32; 3],
         base_top_m: [f32; 2],
     ) -> SkyLight {
-        let (rings, around) = (8usize, 12usize);
+        let (rings, around) = (SKY_LIGHT_RINGS, SKY_LIGHT_AROUND);
         let looks: Vec<([f32; 3], f32)> = (0..rings * around)
             .into_par_iter()
             .map(|n| {
@@ -52,7 +61,7 @@ impl SkyLight {
                         air,
                         transmittance,
                         multiple,
-                        10.0,
+                        SKY_LIGHT_HEIGHT_M,
                         direction,
                         sun_direction,
                         Some(false),

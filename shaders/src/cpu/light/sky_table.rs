@@ -9,18 +9,23 @@
 use rayon::prelude::*;
 
 use super::atmosphere::{
-    AEROSOL_ASYMMETRY, Atmosphere, DEPTH_M, EARTH_RADIUS_M, distance_to_ground_m, distance_to_shell_m, height_along_m,
+    AEROSOL_ASYMMETRY, AIR_DEPTH_M, Atmosphere, EARTH_RADIUS_M, distance_to_ground_m, distance_to_shell_m,
+    height_along_m,
 };
 use super::multiple_scattering_table::{MultipleScatteringTable, local_sun_cosine};
 use super::phase::{henyey_greenstein, rayleigh};
 use super::transmittance_table::TransmittanceTable;
 use crate::cpu::view::lanes::Lanes;
 
-const HALF_ROWS: usize = 56;
-const COLUMNS: usize = 48;
-const STEPS: usize = 28;
-/// Light of the night sky itself, relative to the sun's irradiance: keeps a moonless night above black.
-const AIRGLOW: f32 = 2.0e-7;
+crate::constants! {
+    /// Rows of each half.
+    pub const SKY_HALF_ROWS: usize = 56;
+    /// Columns.
+    pub const SKY_COLUMNS: usize = 48;
+    const SKY_STEPS: usize = 28;
+    /// Light of the night sky itself, relative to the sun's irradiance: keeps a moonless night above black.
+    const AIRGLOW: f32 = 2.0e-7;
+}
 
 /// See the module.
 #[derive(Clone, Debug)]
@@ -37,6 +42,16 @@ pub fn horizon_sine(height_m: f32) -> f32 {
     -(q / (1.0 + q)).sqrt()
 }
 
+/// The sun's direction on the ground, a unit vector; east where it stands in the zenith.
+pub fn sun_azimuth(sun_direction: [f32; 3]) -> [f32; 2] {
+    let horizontal = (sun_direction[0].powi(2) + sun_direction[1].powi(2)).sqrt();
+    if horizontal > 1e-4 {
+        [sun_direction[0] / horizontal, sun_direction[1] / horizontal]
+    } else {
+        [1.0, 0.0]
+    }
+}
+
 impl SkyTable {
     /// Computes the table; a few ms on two threads.
     pub fn new(
@@ -49,13 +64,13 @@ impl SkyTable {
         let horizon = horizon_sine(height_m);
         let horizontal = (sun_direction[0].powi(2) + sun_direction[1].powi(2)).sqrt();
         let sun = [horizontal, 0.0, sun_direction[2]];
-        let texels: Vec<[f32; 3]> = (0..2 * HALF_ROWS * COLUMNS)
+        let texels: Vec<[f32; 3]> = (0..2 * SKY_HALF_ROWS * SKY_COLUMNS)
             .into_par_iter()
             .map(|n| {
-                let (row, column) = (n / COLUMNS, n % COLUMNS);
-                let x = column as f32 / (COLUMNS - 1) as f32;
-                let below = row < HALF_ROWS;
-                let v = (row % HALF_ROWS) as f32 / (HALF_ROWS - 1) as f32;
+                let (row, column) = (n / SKY_COLUMNS, n % SKY_COLUMNS);
+                let x = column as f32 / (SKY_COLUMNS - 1) as f32;
+                let below = row < SKY_HALF_ROWS;
+                let v = (row % SKY_HALF_ROWS) as f32 / (SKY_HALF_ROWS - 1) as f32;
                 let sine = if below {
                     horizon - v * v * (1.0 + horizon)
                 } else {
@@ -70,12 +85,12 @@ impl SkyTable {
         SkyTable {
             planes: [0, 1, 2].map(|c| texels.iter().map(|t| t[c]).collect()),
             horizon_sine: horizon,
-            sun_azimuth: if horizontal > 1e-4 {
-                [sun_direction[0] / horizontal, sun_direction[1] / horizontal]
-            } else {
-                [1.0, 0.0]
-            },
+            sun_azimuth: sun_azimuth(sun_direction),
         }
+    }
+    /// Radiance of every texel, a plane a colour, `[row][column]`.
+    pub fn planes(&self) -> &[Vec<f32>; 3] {
+        &self.planes
     }
     /// Radiance of 16 unit directions.
     #[inline(always)]
@@ -83,22 +98,22 @@ impl SkyTable {
         let side = (direction[0] * direction[0] + direction[1] * direction[1]).sqrt();
         let along = direction[0] * self.sun_azimuth[0] + direction[1] * self.sun_azimuth[1];
         let cosine = along / side.max(Lanes::splat(1e-5));
-        let x = ((Lanes::splat(1.0) - cosine) * 0.5).sqrt().clamp(0.0, 1.0) * (COLUMNS - 1) as f32;
+        let x = ((Lanes::splat(1.0) - cosine) * 0.5).sqrt().clamp(0.0, 1.0) * (SKY_COLUMNS - 1) as f32;
         let s = direction[2] - self.horizon_sine;
         let above = (s * (1.0 / (1.0 - self.horizon_sine))).sqrt();
         let below = (s * (-1.0 / (1.0 + self.horizon_sine))).sqrt();
         let zero = Lanes::splat(0.0);
-        let v = Lanes::select_less(s, zero, below, above).clamp(0.0, 1.0) * (HALF_ROWS - 1) as f32;
-        let (i, fx) = x.min(Lanes::splat(COLUMNS as f32 - 1.001)).split();
-        let (j, fy) = v.min(Lanes::splat(HALF_ROWS as f32 - 1.001)).split();
+        let v = Lanes::select_less(s, zero, below, above).clamp(0.0, 1.0) * (SKY_HALF_ROWS - 1) as f32;
+        let (i, fx) = x.min(Lanes::splat(SKY_COLUMNS as f32 - 1.001)).split();
+        let (j, fy) = v.min(Lanes::splat(SKY_HALF_ROWS as f32 - 1.001)).split();
         let mut index = i;
         for l in 0..index.0.len() {
-            let half = if s.0[l] < 0.0 { 0 } else { HALF_ROWS as u32 };
-            index.0[l] = i.0[l] + (j.0[l] + half) * COLUMNS as u32;
+            let half = if s.0[l] < 0.0 { 0 } else { SKY_HALF_ROWS as u32 };
+            index.0[l] = i.0[l] + (j.0[l] + half) * SKY_COLUMNS as u32;
         }
         let mut seen = [Lanes::splat(0.0); 3];
         for (light, plane) in seen.iter_mut().zip(&self.planes) {
-            let row = COLUMNS as u32;
+            let row = SKY_COLUMNS as u32;
             let low = index.gather_f32(plane).lerp(index.plus(1).gather_f32(plane), fx);
             let high = index
                 .plus(row)
@@ -127,15 +142,15 @@ pub fn radiance(
     let whole = match (to_ground, hit) {
         (Some(true), hit) => hit.unwrap_or(horizon_m),
         (None, Some(distance)) => distance,
-        _ => distance_to_shell_m(height_m, mu, DEPTH_M),
+        _ => distance_to_shell_m(height_m, mu, AIR_DEPTH_M),
     };
     let turn = direction[0] * sun[0] + direction[1] * sun[1] + direction[2] * sun[2];
     let (molecules, aerosol) = (rayleigh(turn), henyey_greenstein(AEROSOL_ASYMMETRY, turn));
     let mut light = [0.0f32; 3];
     let mut through = [1.0f32; 3];
     let mut before = 0.0;
-    for s in 0..STEPS {
-        let f = (s + 1) as f32 / STEPS as f32;
+    for s in 0..SKY_STEPS {
+        let f = (s + 1) as f32 / SKY_STEPS as f32;
         let after = whole * f * f;
         let at = 0.5 * (before + after);
         let h = height_along_m(height_m, mu, at).max(0.0);

@@ -8,8 +8,10 @@
 
 use rayon::prelude::*;
 
-/// 3/4 (1 - g).
-const DIFFUSE: f32 = 0.105;
+crate::constants! {
+    /// 3/4 (1 - g).
+    pub const DIFFUSE_VISIBILITY: f32 = 0.105;
+}
 /// Tangent and one over the cosine of the slanted directions' angle from the vertical.
 const SLANT: [f32; 2] = [1.19, 1.556];
 
@@ -29,6 +31,11 @@ pub fn sky_visibility(extinction: &[f32], cells: [usize; 2], cell_size_m: [f32; 
     })
 }
 
+/// Length in m of a slanted path through a level, and the cells that it goes sideways along `axis`.
+pub(crate) fn slanted_path(size_m: [f32; 3], axis: usize) -> (f32, f32) {
+    (size_m[2] * SLANT[1], SLANT[0] * size_m[2] / size_m[axis])
+}
+
 fn sweep(
     extinction: &[f32],
     cells: [usize; 2],
@@ -40,11 +47,10 @@ fn sweep(
     let (nx, ny) = (cells[0], cells[1]);
     let plane = nx * ny;
     let slanted = way != [0, 0];
-    let path_m = size_m[2] * if slanted { SLANT[1] } else { 1.0 };
-    let reach = if slanted {
-        SLANT[0] * size_m[2] / if way[0] != 0 { size_m[0] } else { size_m[1] }
+    let (path_m, reach) = if slanted {
+        slanted_path(size_m, if way[0] != 0 { 0 } else { 1 })
     } else {
-        0.0
+        (size_m[2], 0.0)
     };
     let whole = reach.floor();
     let fraction = reach - whole;
@@ -62,7 +68,7 @@ fn sweep(
                 let before = above[rows[0] + columns[0]] * (1.0 - fraction) + above[rows[1] + columns[1]] * fraction;
                 let own = extinction[k * plane + y * nx + x] * path_m;
                 here[y * nx + x] = before + own;
-                out[k * plane + y * nx + x] = 1.0 / (1.0 + DIFFUSE * (before + 0.5 * own));
+                out[k * plane + y * nx + x] = 1.0 / (1.0 + DIFFUSE_VISIBILITY * (before + 0.5 * own));
             }
         }
         std::mem::swap(&mut above, &mut here);

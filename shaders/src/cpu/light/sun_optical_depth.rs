@@ -12,12 +12,22 @@ use rayon::prelude::*;
 use crate::cpu::view::lanes::{LANES, Lanes};
 use crate::cpu::view::shape::Shape;
 
-/// Optical depth a unit of the packed 16 bits.
-pub const DEPTH_UNIT: f32 = 0.001;
-/// Points farther than this from cloud, m, are left empty.
-const MARGIN_M: f32 = 130.0;
-/// No march goes farther, m.
-const REACH_M: f32 = 12_000.0;
+crate::constants! {
+    /// Optical depth a unit of the packed 16 bits.
+    pub const DEPTH_UNIT: f32 = 0.001;
+    /// Points farther than this from cloud, m, are left empty.
+    const SUN_LIGHT_MARGIN_M: f32 = 130.0;
+    /// No march goes farther, m.
+    const SUN_MARCH_REACH_M: f32 = 12_000.0;
+    /// Length of the first step, m.
+    const SUN_MARCH_STEP_M: f32 = 30.0;
+    /// Growth of steps with distance.
+    const SUN_MARCH_STEP_GROWTH: f32 = 0.06;
+    /// Steps at most.
+    const SUN_MARCH_STEPS: u32 = 200;
+    /// Optical depth at which a march ends: nothing more is to be learnt.
+    const SUN_MARCH_DEEP: f32 = 60.0;
+}
 
 /// See the module.
 #[derive(Clone, Debug)]
@@ -80,12 +90,16 @@ fn fill_level(shape: &Shape, carved: bool, sun: &[f32; 3], k: usize, up: &[f32],
         let y = Lanes::splat((n as f32 - 0.5) * shape.point_spacing_m[1]);
         for first in (0..width).step_by(LANES) {
             let x = Lanes::from_fn(|l| ((first + l) as f32 - 0.5) * shape.point_spacing_m[0]);
-            let near = Lanes::splat(MARGIN_M) - shape.empty_distance_m(x, y, z);
+            let near = Lanes::splat(SUN_LIGHT_MARGIN_M) - shape.empty_distance_m(x, y, z);
             if !near.any_above(0.0) {
                 continue;
             }
             let depth = optical_depth(shape, carved, sun, x, y, z, near);
             for l in 0..LANES.min(width - first) {
+                // Each point for itself, whatever points are looked at together with it.
+                if near.0[l] <= 0.0 {
+                    continue;
+                }
                 let d = (depth.0[l] / DEPTH_UNIT).min(65_535.0) as u32;
                 let share = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u32;
                 let at = n * width + first + l;
@@ -120,14 +134,14 @@ fn optical_depth(shape: &Shape, carved: bool, sun: &[f32; 3], x: Lanes, y: Lanes
     let end = Lanes::select_less(
         zero,
         wanted,
-        ((Lanes::splat(shape.top_m) - z) / sun[2]).min(Lanes::splat(REACH_M)),
+        ((Lanes::splat(shape.top_m) - z) / sun[2]).min(Lanes::splat(SUN_MARCH_REACH_M)),
         zero,
     );
-    for _ in 0..200 {
+    for _ in 0..SUN_MARCH_STEPS {
         if !(end - t).any_above(0.0) {
             break;
         }
-        let step = t * 0.06 + 30.0;
+        let step = t * SUN_MARCH_STEP_GROWTH + SUN_MARCH_STEP_M;
         let at = t + step * 0.5;
         let (px, py, pz) = (x + at * sun[0], y + at * sun[1], z + at * sun[2]);
         let empty = shape.empty_distance_m(px, py, pz);
@@ -137,8 +151,7 @@ fn optical_depth(shape: &Shape, carved: bool, sun: &[f32; 3], x: Lanes, y: Lanes
             depth = depth + shape.mean_extinction(cover, amplitude, carved) * step * inside;
         }
         t = t + step.max(empty);
-        // Deep enough: nothing more to learn.
-        t = Lanes::select_less(Lanes::splat(60.0), depth, end, t);
+        t = Lanes::select_less(Lanes::splat(SUN_MARCH_DEEP), depth, end, t);
     }
     depth
 }

@@ -4,13 +4,17 @@
 //! Scheme: midpoint sums of the optical depth over 48 steps; directions spaced by the distance to the top of the
 //! atmosphere (Bruneton and Neyret 2008, section 4). Second order in the step. Source: Hillaire (2020), section 5.1.
 
-use super::atmosphere::{Atmosphere, DEPTH_M, EARTH_RADIUS_M, distance_to_shell_m, height_along_m};
+use super::atmosphere::{AIR_DEPTH_M, Atmosphere, EARTH_RADIUS_M, distance_to_shell_m, height_along_m};
 
-const HEIGHTS: usize = 48;
-const DIRECTIONS: usize = 128;
-const STEPS: usize = 48;
-/// Half the sun's angular width, rad.
-pub const SUN_ANGULAR_RADIUS: f32 = 0.004_65;
+crate::constants! {
+    /// Rows of the table.
+    pub const TRANSMITTANCE_HEIGHTS: usize = 48;
+    /// Columns of the table.
+    pub const TRANSMITTANCE_DIRECTIONS: usize = 128;
+    const TRANSMITTANCE_STEPS: usize = 48;
+    /// Half the sun's angular width, rad.
+    pub const SUN_ANGULAR_RADIUS: f32 = 0.004_65;
+}
 
 /// See the module.
 #[derive(Clone, Debug)]
@@ -25,32 +29,36 @@ fn horizon_distance_m(height_m: f32) -> f32 {
 impl TransmittanceTable {
     /// Computes the table; about 2 ms.
     pub fn new(air: &Atmosphere) -> TransmittanceTable {
-        let mut values = Vec::with_capacity(HEIGHTS * DIRECTIONS);
-        let top = horizon_distance_m(DEPTH_M);
-        for j in 0..HEIGHTS {
-            let rho = top * j as f32 / (HEIGHTS - 1) as f32;
+        let mut values = Vec::with_capacity(TRANSMITTANCE_HEIGHTS * TRANSMITTANCE_DIRECTIONS);
+        let top = horizon_distance_m(AIR_DEPTH_M);
+        for j in 0..TRANSMITTANCE_HEIGHTS {
+            let rho = top * j as f32 / (TRANSMITTANCE_HEIGHTS - 1) as f32;
             let r = (rho as f64 * rho as f64 + EARTH_RADIUS_M as f64 * EARTH_RADIUS_M as f64).sqrt();
             let height_m = (r - EARTH_RADIUS_M as f64) as f32;
-            for i in 0..DIRECTIONS {
-                let (d_min, d_max) = (DEPTH_M - height_m, rho + top);
-                let d = (d_min + (d_max - d_min) * i as f32 / (DIRECTIONS - 1) as f32).max(1.0) as f64;
+            for i in 0..TRANSMITTANCE_DIRECTIONS {
+                let (d_min, d_max) = (AIR_DEPTH_M - height_m, rho + top);
+                let d = (d_min + (d_max - d_min) * i as f32 / (TRANSMITTANCE_DIRECTIONS - 1) as f32).max(1.0) as f64;
                 let mu = ((top as f64 * top as f64 - rho as f64 * rho as f64 - d * d) / (2.0 * r * d)).clamp(-1.0, 1.0);
                 values.push(through(air, height_m, mu as f32));
             }
         }
         TransmittanceTable { values }
     }
+    /// All texels, `[height][direction]`.
+    pub fn texels(&self) -> &[[f32; 3]] {
+        &self.values
+    }
     /// Transmittance from `height_m` to space along a direction whose cosine to the zenith is `mu`, not looking at whether the
     /// ground is in the way.
     pub fn to_space(&self, height_m: f32, mu: f32) -> [f32; 3] {
-        let height_m = height_m.clamp(0.0, DEPTH_M - 1.0);
-        let top = horizon_distance_m(DEPTH_M);
+        let height_m = height_m.clamp(0.0, AIR_DEPTH_M - 1.0);
+        let top = horizon_distance_m(AIR_DEPTH_M);
         let rho = horizon_distance_m(height_m);
-        let d = distance_to_shell_m(height_m, mu, DEPTH_M);
-        let (d_min, d_max) = (DEPTH_M - height_m, rho + top);
-        let x = ((d - d_min) / (d_max - d_min)).clamp(0.0, 1.0) * (DIRECTIONS - 1) as f32;
-        let y = (rho / top).clamp(0.0, 1.0) * (HEIGHTS - 1) as f32;
-        bilinear(&self.values, DIRECTIONS, HEIGHTS, x, y)
+        let d = distance_to_shell_m(height_m, mu, AIR_DEPTH_M);
+        let (d_min, d_max) = (AIR_DEPTH_M - height_m, rho + top);
+        let x = ((d - d_min) / (d_max - d_min)).clamp(0.0, 1.0) * (TRANSMITTANCE_DIRECTIONS - 1) as f32;
+        let y = (rho / top).clamp(0.0, 1.0) * (TRANSMITTANCE_HEIGHTS - 1) as f32;
+        bilinear(&self.values, TRANSMITTANCE_DIRECTIONS, TRANSMITTANCE_HEIGHTS, x, y)
     }
     /// Share of the sun's light that reaches `height_m` when the cosine of the sun's zenith angle there is `mu`; falls to 0 as
     /// the disc sets behind the horizon.
@@ -67,12 +75,12 @@ impl TransmittanceTable {
 }
 
 fn through(air: &Atmosphere, height_m: f32, mu: f32) -> [f32; 3] {
-    let whole = distance_to_shell_m(height_m, mu, DEPTH_M);
+    let whole = distance_to_shell_m(height_m, mu, AIR_DEPTH_M);
     let mut depth = [0.0f32; 3];
     let mut before = 0.0;
-    for s in 0..STEPS {
+    for s in 0..TRANSMITTANCE_STEPS {
         // Steps grow with the square of their number: air is densest at the near end.
-        let f = (s + 1) as f32 / STEPS as f32;
+        let f = (s + 1) as f32 / TRANSMITTANCE_STEPS as f32;
         let after = whole * f * f;
         let c = air.at(height_along_m(height_m, mu, 0.5 * (before + after)).max(0.0));
         for k in 0..3 {

@@ -8,10 +8,30 @@ use rayon::prelude::*;
 
 use super::lanes::{Indices, LANES, Lanes};
 
-/// Points along an edge of the tile.
-pub const TILE_POINTS: usize = 64;
-/// Largest billows along an edge of the tile.
-pub const TILE_BILLOWS: usize = 4;
+crate::constants! {
+    /// Points along an edge of the tile.
+    pub const TILE_POINTS: usize = 64;
+    /// Largest billows along an edge of the tile.
+    pub const TILE_BILLOWS: usize = 4;
+    /// Shares of the large billows: the largest, those half as large, gradient noise.
+    const NOISE_LARGE_BILLOWS: f32 = 0.60;
+    const NOISE_LARGE_FINER: f32 = 0.27;
+    const NOISE_LARGE_GRADIENT: f32 = 0.13;
+    /// Shares of the small billows: half and a quarter as large as the largest.
+    const NOISE_SMALL_BILLOWS: f32 = 0.62;
+    const NOISE_SMALL_FINER: f32 = 0.38;
+    /// Standard deviation that both are stretched to.
+    const NOISE_DEVIATION: f32 = 0.2;
+    /// Gain of gradient noise.
+    const NOISE_GRADIENT_GAIN: f32 = 0.7;
+    /// Odd numbers that spread a cell's indices over 32 bits, and those that mix them.
+    const NOISE_HASH_X: u32 = 0x8da6_b343;
+    const NOISE_HASH_Y: u32 = 0xd816_3841;
+    const NOISE_HASH_Z: u32 = 0xcb1a_b31f;
+    const NOISE_HASH_SALT: u32 = 0x9e37_79b9;
+    const NOISE_HASH_FIRST: u32 = 0x7feb_352d;
+    const NOISE_HASH_SECOND: u32 = 0x846c_a68b;
+}
 
 /// See the module.
 #[derive(Clone, Debug)]
@@ -28,8 +48,11 @@ impl DetailNoise {
             for j in 0..n {
                 for i in 0..n {
                     let p = [i, j, k].map(|v| v as f32 / n as f32);
-                    let large = 0.60 * billow(p, 4, 1) + 0.27 * billow(p, 8, 2) + 0.13 * gradient(p, 5, 3);
-                    let small = 0.62 * billow(p, 8, 4) + 0.38 * billow(p, 16, 5);
+                    let large = NOISE_LARGE_BILLOWS * billow(p, TILE_BILLOWS, 1)
+                        + NOISE_LARGE_FINER * billow(p, 2 * TILE_BILLOWS, 2)
+                        + NOISE_LARGE_GRADIENT * gradient(p, TILE_BILLOWS + 1, 3);
+                    let small = NOISE_SMALL_BILLOWS * billow(p, 2 * TILE_BILLOWS, 4)
+                        + NOISE_SMALL_FINER * billow(p, 4 * TILE_BILLOWS, 5);
                     level[j * n + i] = [large, small];
                 }
             }
@@ -39,7 +62,7 @@ impl DetailNoise {
         for c in 0..2 {
             let mean = pairs.iter().map(|p| p[c] as f64).sum::<f64>() / pairs.len() as f64;
             let square = pairs.iter().map(|p| (p[c] as f64 - mean).powi(2)).sum::<f64>() / pairs.len() as f64;
-            scale[c] = [mean as f32, (0.2 / square.sqrt().max(1e-6)) as f32];
+            scale[c] = [mean as f32, (NOISE_DEVIATION as f64 / square.sqrt().max(1e-6)) as f32];
         }
         let byte =
             |p: [f32; 2], c: usize| (((p[c] - scale[c][0]) * scale[c][1] + 0.5).clamp(0.0, 1.0) * 255.0 + 0.5) as u32;
@@ -50,6 +73,10 @@ impl DetailNoise {
             })
             .collect();
         DetailNoise { words }
+    }
+    /// The tile, `[z][y][x]`: two bytes of a point, then two of its eastern neighbour.
+    pub fn words(&self) -> &[u32] {
+        &self.words
     }
     /// Large and small billows, 0 to 1, at 16 places in units of the tile's edge.
     #[inline(always)]
@@ -105,12 +132,12 @@ impl Default for DetailNoise {
 }
 
 fn hash(x: usize, y: usize, z: usize, salt: u32) -> u32 {
-    let mut h = (x as u32).wrapping_mul(0x8da6_b343)
-        ^ (y as u32).wrapping_mul(0xd816_3841)
-        ^ (z as u32).wrapping_mul(0xcb1a_b31f);
-    h = h.wrapping_add(salt.wrapping_mul(0x9e37_79b9));
-    h = (h ^ (h >> 16)).wrapping_mul(0x7feb_352d);
-    h = (h ^ (h >> 15)).wrapping_mul(0x846c_a68b);
+    let mut h = (x as u32).wrapping_mul(NOISE_HASH_X)
+        ^ (y as u32).wrapping_mul(NOISE_HASH_Y)
+        ^ (z as u32).wrapping_mul(NOISE_HASH_Z);
+    h = h.wrapping_add(salt.wrapping_mul(NOISE_HASH_SALT));
+    h = (h ^ (h >> 16)).wrapping_mul(NOISE_HASH_FIRST);
+    h = (h ^ (h >> 15)).wrapping_mul(NOISE_HASH_SECOND);
     h ^ (h >> 16)
 }
 
@@ -158,5 +185,5 @@ fn gradient(p: [f32; 3], cells: usize, salt: u32) -> f32 {
         }
         sum += dot * weight;
     }
-    0.5 + 0.7 * sum
+    0.5 + NOISE_GRADIENT_GAIN * sum
 }

@@ -11,7 +11,34 @@ use super::detail_noise::DetailNoise;
 use super::lanes::Lanes;
 use super::shape::Shape;
 use crate::cpu::light::sky_light::SkyLight;
+use crate::cpu::light::sky_visibility::DIFFUSE_VISIBILITY;
 use crate::cpu::light::sun_optical_depth::{SunLight, marched_direction};
+
+crate::constants! {
+    /// Rise of the facets of ruffled water that are seen at grazing angles.
+    const SEA_FACET_TILT: f32 = 0.12;
+    /// Share of light that water mirrors at right angles, and what grazing angles add.
+    const SEA_MIRROR_LEAST: f32 = 0.02;
+    const SEA_MIRROR_GRAZING: f32 = 0.43;
+    /// Share of the diffuse light under cloud that comes down in the shadow.
+    const GROUND_DIFFUSE_SHARE: f32 = 0.45;
+    /// Share of the sky's light that clouds can take.
+    const GROUND_SKY_COVERED: f32 = 0.2;
+    /// Edges of the tiles of patches, m, and the levels of the noise that they show.
+    const GROUND_BROAD_TILE_M: f32 = 21_000.0;
+    const GROUND_FIELD_TILE_M: f32 = 3_700.0;
+    const GROUND_BROAD_LEVEL: f32 = 0.3;
+    const GROUND_FIELD_LEVEL: f32 = 0.7;
+    /// Strength of broad patches, fields and grain.
+    const GROUND_BROAD: f32 = 0.7;
+    const GROUND_FIELDS: f32 = 0.6;
+    const GROUND_GRAIN: f32 = 0.35;
+    /// Distance at which fields fade, m.
+    const GROUND_NEAR_M: f32 = 8_000.0;
+    /// Bounds of a patch's albedo against the mean.
+    const GROUND_DARKEST: f32 = 0.4;
+    const GROUND_LIGHTEST: f32 = 1.8;
+}
 
 /// What lies under the clouds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -31,13 +58,20 @@ impl Ground {
             Ground::Sea => [0.010, 0.026, 0.042],
         }
     }
+    /// How strongly a patch changes each colour: drier patches are lighter and browner, wooded ones darker and greener.
+    pub fn tint(self) -> [f32; 3] {
+        match self {
+            Ground::Land => [1.15, 0.85, 0.6],
+            Ground::Sea => [0.0; 3],
+        }
+    }
 }
 
 /// Where ruffled water mirrors a ray that comes down along `d`: up again, and higher the flatter it came, since it
 /// is the facets tilted towards the viewer that are seen.
 #[inline(always)]
 pub(crate) fn mirrored(d: &[Lanes; 3]) -> [Lanes; 3] {
-    let up = Lanes::splat(0.12) - d[2];
+    let up = Lanes::splat(SEA_FACET_TILT) - d[2];
     let length = (d[0] * d[0] + d[1] * d[1] + up * up).sqrt();
     [d[0] / length, d[1] / length, up / length]
 }
@@ -48,7 +82,7 @@ pub(crate) fn mirrored(d: &[Lanes; 3]) -> [Lanes; 3] {
 pub(crate) fn mirror_share(rise: Lanes) -> Lanes {
     let flat = (rise + 1.0).clamp(0.0, 1.0);
     let squared = flat * flat;
-    squared * squared * flat * 0.43 + 0.02
+    squared * squared * flat * SEA_MIRROR_GRAZING + SEA_MIRROR_LEAST
 }
 
 /// Radiance of the ground at `x`, `y` (m), seen from `distance_m`.
@@ -70,26 +104,34 @@ pub(crate) fn radiance(
             let reach = shape.bottom_m.max(0.0) / sun[2];
             let depth = shadow_depth(shape, sun_light, x + reach * sun[0], y + reach * sun[1]);
             let straight = (Lanes::splat(0.0) - depth).exp();
-            let diffuse = one / (depth * 0.105 + 1.0);
+            let diffuse = one / (depth * DIFFUSE_VISIBILITY + 1.0);
             (
-                straight + (one - straight) * diffuse * 0.45,
-                0.8 + 0.2 * sun_light.sunlit_share,
+                straight + (one - straight) * diffuse * GROUND_DIFFUSE_SHARE,
+                1.0 - GROUND_SKY_COVERED + GROUND_SKY_COVERED * sun_light.sunlit_share,
             )
         }
         None => (one, 1.0),
     };
-    let (broad, _) = noise.look(x * (1.0 / 21_000.0), y * (1.0 / 21_000.0), Lanes::splat(0.3));
-    let (fields, grain) = noise.look(x * (1.0 / 3_700.0), y * (1.0 / 3_700.0), Lanes::splat(0.7));
+    let (broad, _) = noise.look(
+        x * (1.0 / GROUND_BROAD_TILE_M),
+        y * (1.0 / GROUND_BROAD_TILE_M),
+        Lanes::splat(GROUND_BROAD_LEVEL),
+    );
+    let (fields, grain) = noise.look(
+        x * (1.0 / GROUND_FIELD_TILE_M),
+        y * (1.0 / GROUND_FIELD_TILE_M),
+        Lanes::splat(GROUND_FIELD_LEVEL),
+    );
     let albedo_mean = ground.albedo();
-    let uneven = if ground == Ground::Sea { 0.0 } else { 1.0 };
-    let near = one / (distance_m * distance_m * (1.0 / 64e6) + 1.0);
-    let patch = (broad - 0.5) * 0.7 + (fields - 0.5) * 0.6 * near + (grain - 0.5) * 0.35 * near * near;
+    let near = one / (distance_m * distance_m * (1.0 / (GROUND_NEAR_M * GROUND_NEAR_M)) + 1.0);
+    let patch = (broad - 0.5) * GROUND_BROAD
+        + (fields - 0.5) * GROUND_FIELDS * near
+        + (grain - 0.5) * GROUND_GRAIN * near * near;
     let lit = sun_direction[2].max(0.0) / PI;
-    // Drier patches are lighter and browner, wooded ones darker and greener.
-    let tint = [1.15, 0.85, 0.6];
+    let tint = ground.tint();
     let mut radiance = [one; 3];
     for c in 0..3 {
-        let albedo = (patch * (uneven * tint[c]) + 1.0).clamp(0.4, 1.8) * albedo_mean[c];
+        let albedo = (patch * tint[c] + 1.0).clamp(GROUND_DARKEST, GROUND_LIGHTEST) * albedo_mean[c];
         radiance[c] = albedo * (passed * (light.sun_at_ground[c] * lit) + light.sky_irradiance[c] * sky_share / PI);
     }
     radiance

@@ -10,8 +10,10 @@ use crate::cpu::light::atmosphere::{AEROSOL_HEIGHT_M, Atmosphere, RAYLEIGH_HEIGH
 /// Extinction at the camera.
 #[derive(Clone, Copy, Debug)]
 pub struct Haze {
-    rayleigh_per_m: [f32; 3],
-    aerosol_per_m: f32,
+    /// Scattering by molecules, 1/m.
+    pub rayleigh_per_m: [f32; 3],
+    /// Extinction by aerosol, 1/m.
+    pub aerosol_per_m: f32,
 }
 
 impl Haze {

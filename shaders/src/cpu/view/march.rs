@@ -14,11 +14,11 @@
 
 use multiversion::multiversion;
 
-use super::detail_noise::{DetailNoise, TILE_BILLOWS};
+use super::detail_noise::DetailNoise;
 use super::ground::Ground;
 use super::haze::Haze;
 use super::lanes::{LANES, Lanes};
-use super::shape::{EDGE, Shape, trilinear};
+use super::shape::{CARVE_EDGE, Shape, trilinear};
 use super::{ground, tone_map};
 use crate::cpu::light::atmosphere::EARTH_RADIUS_M;
 use crate::cpu::light::phase::Droplets;
@@ -26,37 +26,66 @@ use crate::cpu::light::sky_light::SkyLight;
 use crate::cpu::light::sky_table::SkyTable;
 use crate::cpu::light::sun_optical_depth::{DEPTH_UNIT, SunLight, marched_direction};
 use crate::cpu::light::transmittance_table::SUN_ANGULAR_RADIUS;
+use crate::view::FrameDetail;
 
 /// Rows of a packet, and of what one call draws.
 pub const PACKET_ROWS: usize = 4;
-/// Octaves at most.
-pub const OCTAVES_MAX: usize = 8;
-/// No cloud is drawn beyond, m; it fades out over the last third.
-const DRAW_DISTANCE_M: f32 = 60_000.0;
-/// Rays stop here even when nothing is met, m.
-const SKY_DISTANCE_M: f32 = 300_000.0;
-/// Distances of the two finer steps towards the sun and their lengths, m.
-const FINE_STEPS_M: [[f32; 2]; 2] = [[18.0, 36.0], [63.0, 54.0]];
-/// Fine steps are left out beyond, m.
-const FINE_REACH_M: f32 = 7_000.0;
-/// Small billows are looked up a second time, smaller, nearer than this, m.
-const NEAR_DETAIL_M: f32 = 3_500.0;
-/// Share of light each octave keeps, and of asymmetry.
-const OCTAVE_CONTRIBUTION: f32 = 0.68;
-const OCTAVE_ECCENTRICITY: f32 = 0.55;
-
-/// Detail noise of a frame.
-#[derive(Clone, Copy, Debug)]
-pub struct FrameDetail {
-    /// How far the edge is pushed, in cover.
-    pub push: f32,
-    /// Share of the carved cloud against the grid's.
-    pub blend: f32,
-    /// One over the tile's edge, 1/m.
-    pub tiles_per_m: f32,
-    /// Added to positions, m.
-    pub offset_m: [f32; 3],
+crate::constants! {
+    /// Octaves at most.
+    pub const OCTAVES_MAX: usize = 8;
+    /// No cloud is drawn beyond, m; it fades out from the second one on.
+    const DRAW_DISTANCE_M: f32 = 60_000.0;
+    const DRAW_FADES_FROM_M: f32 = 36_000.0;
+    /// Rays stop here even when nothing is met, m.
+    const SKY_DISTANCE_M: f32 = 300_000.0;
+    /// Distances of the two finer steps towards the sun and their lengths, m.
+    const FINE_FIRST_M: f32 = 18.0;
+    const FINE_FIRST_LENGTH_M: f32 = 36.0;
+    const FINE_SECOND_M: f32 = 63.0;
+    const FINE_SECOND_LENGTH_M: f32 = 54.0;
+    /// Fine steps are left out beyond the first distance, m, and fade over the second.
+    const FINE_REACH_M: f32 = 7_000.0;
+    const FINE_FADE_M: f32 = 1_000.0;
+    /// Fine steps are left out below this transmittance, and are whole at twice as much.
+    const FINE_DIMMED: f32 = 0.25;
+    /// Small billows are looked up a second time, smaller, nearer than this, m.
+    const NEAR_DETAIL_M: f32 = 3_500.0;
+    /// How much smaller, and the share in the edge's push of its large and small billows.
+    const DETAIL_FINER: f32 = 4.3;
+    const DETAIL_FINE: f32 = 0.36;
+    const DETAIL_FINEST: f32 = 0.24;
+    /// Share of the small billows in the push, and the distance at which it is gone, m.
+    const DETAIL_SMALL: f32 = 0.75;
+    const DETAIL_SMALL_REACH_M: f32 = 14_000.0;
+    /// One over the cover at which the push is whole: no cloud out of nothing.
+    const DETAIL_HELD: f32 = 5.0;
+    /// Width in cover of the ramp from empty to full of carved cloud.
+    const CARVE_RAMP: f32 = 0.22;
+    /// Length of steps: a share of the distance within bounds, m.
+    const MARCH_STEP_GROWTH: f32 = 0.0055;
+    const MARCH_STEP_LEAST_M: f32 = 15.0;
+    const MARCH_STEP_MOST_M: f32 = 200.0;
+    /// Steps at most.
+    const MARCH_STEPS_MAX: u32 = 600;
+    /// Transmittance at which a ray ends.
+    const MARCH_THROUGH_END: f32 = 0.01;
+    /// Share of light each octave keeps, and of asymmetry.
+    const OCTAVE_CONTRIBUTION: f32 = 0.68;
+    const OCTAVE_ECCENTRICITY: f32 = 0.55;
+    /// Share of the ground's light that clouds can take by their shadow.
+    const COVERED_GROUND: f32 = 0.6;
+    /// Width of the sun's edge, pixels.
+    const SUN_EDGE_PIXELS: f32 = 0.7;
+    /// Interleaved gradient noise (Jimenez 2014).
+    const PATTERN_X: f32 = 0.067_110_56;
+    const PATTERN_Y: f32 = 0.005_837_15;
+    const PATTERN_SCALE: f32 = 52.982_918;
 }
+/// The two finer steps: distance and length, m.
+const FINE_STEPS_M: [[f32; 2]; 2] = [
+    [FINE_FIRST_M, FINE_FIRST_LENGTH_M],
+    [FINE_SECOND_M, FINE_SECOND_LENGTH_M],
+];
 
 /// All that a picture needs, tables made.
 pub struct Frame<'a> {
@@ -184,7 +213,7 @@ fn packet(frame: &Frame<'_>, px: Lanes, py: Lanes) -> [Lanes; 3] {
     let turn = d[0] * frame.sun_direction[0] + d[1] * frame.sun_direction[1] + d[2] * frame.sun_direction[2];
     // The chord to the sun's centre is its angle for small angles.
     let angle = ((one - turn) * 2.0).sqrt();
-    let pixel = scale * 0.7;
+    let pixel = scale * SUN_EDGE_PIXELS;
     let disc =
         ((Lanes::splat(SUN_ANGULAR_RADIUS + pixel * 0.5) - angle) * (1.0 / pixel)).clamp(0.0, 1.0) * (one - down);
     if disc.any_above(0.0) {
@@ -194,14 +223,15 @@ fn packet(frame: &Frame<'_>, px: Lanes, py: Lanes) -> [Lanes; 3] {
         }
     }
     // Pattern of the pixels: interleaved gradient noise (Jimenez 2014), for the march's start and against bands.
-    let pattern = ((px * 0.067_110_56 + py * 0.005_837_15).fraction() * 52.982_918)
+    let pattern = ((px * PATTERN_X + py * PATTERN_Y).fraction() * PATTERN_SCALE)
         .fraction()
         .clamp(0.0, 1.0);
 
     if let Some((shape, sun_light)) = frame.cloud {
         let cloud = march(frame, shape, sun_light, &d, curve, end, turn, pattern);
         if (one - cloud.through).any_above(0.0) {
-            let far = ((cloud.distance_m - DRAW_DISTANCE_M * 0.6) * (1.0 / (DRAW_DISTANCE_M * 0.4))).smoothstep();
+            let far =
+                ((cloud.distance_m - DRAW_FADES_FROM_M) * (1.0 / (DRAW_DISTANCE_M - DRAW_FADES_FROM_M))).smoothstep();
             let kept = one - far;
             let between = frame.haze.transmittance(cloud.distance_m, d[2]);
             for c in 0..3 {
@@ -270,8 +300,13 @@ fn march(
     let (mut sun_base, mut sun_rise, mut from_sky, mut from_ground) = (zero, zero, zero, zero);
     let (mut distance, mut weights) = (zero, zero);
     let mut t = first + pattern * step_m(first);
-    for _ in 0..600 {
-        let alive = Lanes::select_less(t, end, Lanes::select_less(through, Lanes::splat(0.01), zero, one), zero);
+    for _ in 0..MARCH_STEPS_MAX {
+        let alive = Lanes::select_less(
+            t,
+            end,
+            Lanes::select_less(Lanes::splat(MARCH_THROUGH_END), through, one, zero),
+            zero,
+        );
         if !alive.any_above(0.0) {
             break;
         }
@@ -285,8 +320,11 @@ fn march(
             if extinction.any_above(0.0) {
                 let mut depth = zero;
                 let mut at = p;
-                if close < FINE_REACH_M && (through * here).any_above(0.25) {
-                    let fade = (Lanes::splat(FINE_REACH_M) - t).clamp(0.0, 1_000.0) * 1e-3;
+                if close < FINE_REACH_M && (through * here).any_above(FINE_DIMMED) {
+                    // Faded by what the ray itself has met, so that it does not matter which rays share its packet.
+                    let undimmed = ((through - FINE_DIMMED) * (1.0 / FINE_DIMMED)).clamp(0.0, 1.0);
+                    let fade =
+                        (Lanes::splat(FINE_REACH_M) - t).clamp(0.0, FINE_FADE_M) * (1.0 / FINE_FADE_M) * undimmed;
                     let mut covered = 0.0;
                     for [reach, length] in FINE_STEPS_M {
                         let q = [p[0] + sun[0] * reach, p[1] + sun[1] * reach, p[2] + sun[2] * reach];
@@ -322,16 +360,18 @@ fn march(
                 through = through * kept;
             }
         }
-        t = t + Lanes::select_less(zero, empty, step.max(empty), step);
+        // A ray that has ended goes on with its packet: bounded, for farther and farther from the slab it would leap to infinity.
+        t = (t + Lanes::select_less(zero, empty, step.max(empty), step)).min(Lanes::splat(2.0 * DRAW_DISTANCE_M));
     }
     let light = frame.light;
     for c in 0..3 {
         met.light[c] = sun_base * light.sun_at_base[c]
             + sun_rise * (light.sun_at_top[c] - light.sun_at_base[c])
             + from_sky * (0.5 * light.sky_radiance[c])
-            + from_ground * (0.5 * light.ground_radiance[c] * (0.4 + 0.6 * sun_light.sunlit_share));
+            + from_ground
+                * (0.5 * light.ground_radiance[c] * (1.0 - COVERED_GROUND + COVERED_GROUND * sun_light.sunlit_share));
     }
-    met.through = ((through - 0.01) * (1.0 / 0.99)).clamp(0.0, 1.0);
+    met.through = ((through - MARCH_THROUGH_END) * (1.0 / (1.0 - MARCH_THROUGH_END))).clamp(0.0, 1.0);
     met.distance_m = distance / weights.max(Lanes::splat(1e-6));
     met
 }
@@ -339,7 +379,7 @@ fn march(
 /// Length of a step in cloud at distance `t`, m.
 #[inline(always)]
 fn step_m(t: Lanes) -> Lanes {
-    (t * 0.0055).clamp(15.0, 200.0)
+    (t * MARCH_STEP_GROWTH).clamp(MARCH_STEP_LEAST_M, MARCH_STEP_MOST_M)
 }
 
 /// First and last distance at which a ray is between two heights; heights in between may be left for a while.
@@ -393,17 +433,17 @@ fn extinction(frame: &Frame<'_>, shape: &Shape, p: &[Lanes; 3], t: Lanes, close_
     }
     let (large, small) = frame.noise.look(q[0], q[1], q[2]);
     let one = Lanes::splat(1.0);
-    let far = (t * (1.0 / 14_000.0)).clamp(0.0, 1.0);
-    let mut push = (large - 0.5) + (small - 0.5) * 0.75 * (one - far);
+    let far = (t * (1.0 / DETAIL_SMALL_REACH_M)).clamp(0.0, 1.0);
+    let mut push = (large - 0.5) + (small - 0.5) * DETAIL_SMALL * (one - far);
     if close_m < NEAR_DETAIL_M {
-        let finer = TILE_BILLOWS as f32 + 0.3;
-        let (fine, finest) = frame.noise.look(q[1] * finer, q[2] * finer, q[0] * finer);
+        let (fine, finest) = frame
+            .noise
+            .look(q[1] * DETAIL_FINER, q[2] * DETAIL_FINER, q[0] * DETAIL_FINER);
         let near = (one - t * (1.0 / NEAR_DETAIL_M)).clamp(0.0, 1.0);
-        push = push + ((fine - 0.5) * 0.36 + (finest - 0.5) * 0.24) * near;
+        push = push + ((fine - 0.5) * DETAIL_FINE + (finest - 0.5) * DETAIL_FINEST) * near;
     }
-    // No cloud out of nothing: the push fades with the cover.
-    let held = (cover * 5.0).clamp(0.0, 1.0);
-    let level = cover + push * detail.push * held - EDGE;
-    let carved = amplitude * (level * (1.0 / 0.22)).smoothstep();
+    let held = (cover * DETAIL_HELD).clamp(0.0, 1.0);
+    let level = cover + push * detail.push * held - CARVE_EDGE;
+    let carved = amplitude * (level * (1.0 / CARVE_RAMP)).smoothstep();
     plain.lerp(carved, Lanes::splat(detail.blend))
 }

@@ -9,8 +9,10 @@ use rayon::prelude::*;
 
 use super::lanes::{Indices, Lanes};
 
-/// Metres a unit.
-const UNIT_M: f32 = 8.0;
+crate::constants! {
+    /// Metres a unit.
+    const OCCUPANCY_UNIT_M: f32 = 8.0;
+}
 
 /// See the module.
 #[derive(Clone, Debug)]
@@ -24,7 +26,7 @@ impl Occupancy {
     pub fn new(field: &[f32], cells: [usize; 3], size_m: [f32; 3]) -> Occupancy {
         let [nx, ny, nz] = cells;
         let plane = nx * ny;
-        let far = UNIT_M * 255.0;
+        let far = OCCUPANCY_UNIT_M * 255.0;
         let far_squared = far * far;
         let gap = |cells_apart: usize, size: f32| (cells_apart.saturating_sub(1) as f32 * size).powi(2);
         let mut a = vec![far_squared; field.len()];
@@ -71,11 +73,15 @@ impl Occupancy {
                 *t = if *l == 0.0 {
                     0
                 } else {
-                    (l.sqrt() / UNIT_M).clamp(1.0, 255.0) as u8
+                    (l.sqrt() / OCCUPANCY_UNIT_M).clamp(1.0, 255.0) as u8
                 };
             }
         });
         Occupancy { cells, distance }
+    }
+    /// Free distances in units of 8 m, a byte a cell.
+    pub fn distances(&self) -> &[u8] {
+        &self.distance
     }
     /// Free distance in m at 16 places given as shares of the box, 0 to 1; heights are bounded to the slab.
     #[inline(always)]
@@ -85,7 +91,7 @@ impl Occupancy {
         for l in 0..index.0.len() {
             index.0[l] = (k.0[l] * self.cells[1] as u32 + j.0[l]) * self.cells[0] as u32 + i.0[l];
         }
-        index.gather_u8(&self.distance) * UNIT_M
+        index.gather_u8(&self.distance) * OCCUPANCY_UNIT_M
     }
 }
 
@@ -126,12 +132,14 @@ mod tests {
                     least = least.min(sum.sqrt());
                 }
             }
-            let got = occupancy.distance[n] as f32 * UNIT_M;
+            let got = occupancy.distance[n] as f32 * OCCUPANCY_UNIT_M;
             if field[n] > 0.0 {
                 assert_eq!(got, 0.0);
             } else {
                 assert!(
-                    got >= UNIT_M && got <= least.max(UNIT_M) + 0.1 && got > least - UNIT_M - 1.0,
+                    got >= OCCUPANCY_UNIT_M
+                        && got <= least.max(OCCUPANCY_UNIT_M) + 0.1
+                        && got > least - OCCUPANCY_UNIT_M - 1.0,
                     "{got} {least}"
                 );
             }

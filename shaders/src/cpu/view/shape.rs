@@ -12,11 +12,14 @@ use rayon::prelude::*;
 use super::lanes::{Indices, Lanes};
 use super::occupancy::Occupancy;
 use crate::CloudVolume;
+use crate::view::Slab;
 
-/// Cover below which carved cloud is empty on average.
-pub(crate) const EDGE: f32 = 0.16;
-/// Width in cover of the ramp from empty to full of carved cloud on average.
-const MEAN_RAMP: f32 = 0.45;
+crate::constants! {
+    /// Cover below which carved cloud is empty on average.
+    pub(crate) const CARVE_EDGE: f32 = 0.16;
+    /// Width in cover of the ramp from empty to full of carved cloud on average.
+    const CARVE_MEAN_RAMP: f32 = 0.45;
+}
 
 /// See the module.
 #[derive(Clone, Debug)]
@@ -47,48 +50,24 @@ impl Shape {
     /// The shape of `volume`; none if it holds no cloud or if its numbers do not fit its grid. What is not finite or is
     /// negative counts as empty.
     pub fn new(volume: &CloudVolume) -> Option<Shape> {
-        let grid = &volume.grid;
-        let [nx, ny, nz] = grid.cells;
-        let [k0, k1] = [volume.cloudy_levels[0], volume.cloudy_levels[1].min(nz)];
-        let sizes_ok = grid.cell_size_m.iter().all(|s| s.is_finite() && *s > 0.0);
-        if k0 >= k1 || nx == 0 || ny == 0 || volume.extinction_per_m.len() != grid.len() || !sizes_ok {
-            return None;
-        }
-        let plane = grid.plane();
-        let levels = k1 - k0 + 2;
-        let mut slab_per_m = vec![0.0f32; levels * plane];
-        for level in 0..levels {
-            // One empty level below and above; at the ground the cloud goes on below.
-            let k = (k0 + level).saturating_sub(1);
-            if (k >= k0 || k0 == 0) && k < k1 {
-                let from = &volume.extinction_per_m[k * plane..][..plane];
-                for (to, v) in slab_per_m[level * plane..][..plane].iter_mut().zip(from) {
-                    *to = if v.is_finite() && *v > 0.0 { v.min(10.0) } else { 0.0 };
-                }
-            }
-        }
-        let wide = largest_of_neighbours(&slab_per_m, [nx, ny, levels]);
-        let largest = wide.iter().fold(0.0f32, |a, b| a.max(*b));
-        if largest <= 0.0 {
-            return None;
-        }
-        let bottom_m = (k0 as f32 - 1.0) * grid.cell_size_m[2];
-        let finer = if slab_per_m.len() <= 1 << 20 { 2 } else { 1 };
-        let points = [nx * finer, ny * finer, levels * finer];
+        let slab = Slab::new(volume)?;
+        let [nx, ny, levels] = slab.cells;
+        let wide = largest_of_neighbours(&slab.extinction_per_m, slab.cells);
+        let points = slab.points();
         let stride = [points[0] + 2, points[1] + 2];
         let mut shape = Shape {
             points,
             stride,
-            point_spacing_m: grid.cell_size_m.map(|s| s / finer as f32),
-            bottom_m,
-            top_m: bottom_m + levels as f32 * grid.cell_size_m[2],
+            point_spacing_m: slab.point_spacing_m(),
+            bottom_m: slab.bottom_m,
+            top_m: slab.top_m,
             words: vec![0; stride[0] * stride[1] * points[2]],
-            occupancy: Occupancy::new(&wide, [nx, ny, levels], grid.cell_size_m),
-            slab_per_m,
-            amplitude_unit_per_m: largest / 65_535.0,
-            per_period: [0, 1].map(|a| 1.0 / (grid.cells[a] as f32 * grid.cell_size_m[a])),
+            occupancy: Occupancy::new(&wide, [nx, ny, levels], slab.cell_size_m),
+            amplitude_unit_per_m: slab.amplitude_unit_per_m(),
+            per_period: slab.per_period(),
             cells: [nx, ny],
-            finer,
+            finer: slab.finer,
+            slab_per_m: slab.extinction_per_m,
         };
         let mut words = std::mem::take(&mut shape.words);
         words
@@ -142,6 +121,10 @@ impl Shape {
         }
         out
     }
+    /// The distances to the next cell with cloud.
+    pub fn occupancy(&self) -> &Occupancy {
+        &self.occupancy
+    }
     /// Place in the table and the three fractions at 16 positions in m; heights are bounded to the slab.
     #[inline(always)]
     pub(crate) fn place(&self, x: Lanes, y: Lanes, z: Lanes) -> (Indices, [Lanes; 3]) {
@@ -183,7 +166,7 @@ impl Shape {
     #[inline(always)]
     pub(crate) fn mean_extinction(&self, cover: Lanes, amplitude: Lanes, carved: bool) -> Lanes {
         if carved {
-            amplitude * ((cover - EDGE) * (1.0 / MEAN_RAMP)).smoothstep()
+            amplitude * ((cover - CARVE_EDGE) * (1.0 / CARVE_MEAN_RAMP)).smoothstep()
         } else {
             amplitude * cover
         }

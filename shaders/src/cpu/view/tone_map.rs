@@ -7,9 +7,28 @@
 
 use super::lanes::Lanes;
 
-const CONTRAST: f32 = 1.22;
-const MIDDLE: f32 = 0.62;
-const WHITE: f32 = 12.0;
+crate::constants! {
+    /// Exponent of the curve.
+    const TONE_CONTRAST: f32 = 1.22;
+    /// Light that becomes one half.
+    const TONE_MIDDLE: f32 = 0.62;
+    /// Light that becomes 1.
+    const TONE_WHITE: f32 = 12.0;
+    /// Share towards grey: the least, what bright colours add at most, and the luminance at which half of that is added.
+    const TONE_GREY_LEAST: f32 = 0.06;
+    const TONE_GREY_MOST: f32 = 0.6;
+    const TONE_GREY_AT: f32 = 4.0;
+    /// Shares of luminance (ITU-R BT.709).
+    const LUMINANCE_RED: f32 = 0.2126;
+    const LUMINANCE_GREEN: f32 = 0.7152;
+    const LUMINANCE_BLUE: f32 = 0.0722;
+    /// Exposure under an irradiance of 1.
+    const EXPOSURE_SCALE: f32 = 7.6;
+    /// Irradiance that is added: the darkest night.
+    const EXPOSURE_NIGHT: f32 = 2e-4;
+    /// How far exposure follows the irradiance: 1 would make night as bright as day.
+    const EXPOSURE_FOLLOWS: f32 = 0.66;
+}
 
 /// Bytes 0 to 255 as floats, before rounding down; `dither` from 0 to 1.
 #[inline(always)]
@@ -18,12 +37,12 @@ pub(crate) fn tone_map(radiance: [Lanes; 3], exposure: f32, dither: Lanes) -> [L
     for v in &mut x {
         *v = (*v * exposure).clamp(0.0, 1e4);
     }
-    let luminance = x[0] * 0.2126 + x[1] * 0.7152 + x[2] * 0.0722;
-    let grey = luminance / (luminance + 4.0) * 0.6 + 0.06;
-    let scale = 1.0 + (MIDDLE / WHITE).powf(CONTRAST);
-    let middle = MIDDLE.powf(CONTRAST);
+    let luminance = x[0] * LUMINANCE_RED + x[1] * LUMINANCE_GREEN + x[2] * LUMINANCE_BLUE;
+    let grey = luminance / (luminance + TONE_GREY_AT) * TONE_GREY_MOST + TONE_GREY_LEAST;
+    let scale = 1.0 + (TONE_MIDDLE / TONE_WHITE).powf(TONE_CONTRAST);
+    let middle = TONE_MIDDLE.powf(TONE_CONTRAST);
     for v in &mut x {
-        let drawn = v.lerp(luminance, grey).powf(CONTRAST);
+        let drawn = v.lerp(luminance, grey).powf(TONE_CONTRAST);
         let film = (drawn / (drawn + middle) * scale).clamp(0.0, 1.0);
         let curve = film.powf(1.0 / 2.4) * 1.055 - 0.055;
         let srgb = Lanes::select_less(film, Lanes::splat(0.003_130_8), film * 12.92, curve);
@@ -34,12 +53,22 @@ pub(crate) fn tone_map(radiance: [Lanes; 3], exposure: f32, dither: Lanes) -> [L
 
 /// Exposure for a scene whose level ground receives `irradiance` (relative to the sun's above the air). Follows dusk only in part, so
 /// that it gets darker as it does to the eye.
-pub fn exposure(irradiance: f32, compensation_ev: f32) -> f32 {
+pub fn exposure(irradiance: f32, gain: f32) -> f32 {
+    let seen = irradiance.max(0.0) + EXPOSURE_NIGHT;
+    EXPOSURE_SCALE * gain / seen.powf(EXPOSURE_FOLLOWS)
+}
+
+/// Factor of a compensation in stops; bounded, 1 for what is not a number.
+pub fn exposure_gain(compensation_ev: f32) -> f32 {
     let ev = if compensation_ev.is_finite() {
         compensation_ev.clamp(-20.0, 20.0)
     } else {
         0.0
     };
-    let seen = irradiance.max(0.0) + 2e-4;
-    7.6 * ev.exp2() / seen.powf(0.66)
+    ev.exp2()
+}
+
+/// Luminance of red, green and blue.
+pub fn luminance(c: [f32; 3]) -> f32 {
+    LUMINANCE_RED * c[0] + LUMINANCE_GREEN * c[1] + LUMINANCE_BLUE * c[2]
 }
