@@ -190,9 +190,11 @@ fn measure(options: &BenchOptions) -> Result<Report, BenchError> {
         Some(context) => gpu::bandwidth::copy_bytes_per_s(&context).map_err(|e| gpu_failure(&e))?,
         None => cpu_copy_bytes_per_s(),
     };
+    let compute = machine.compute.clone();
     let host = Host::spawn("bench", scene.clone(), machine)?;
     let view = host.view();
-    let renderer = RenderService::start().map_err(|e| BenchError::System("cannot start the render thread", e))?;
+    let renderer =
+        RenderService::start(compute).map_err(|e| BenchError::System("cannot start the render thread", e))?;
     view.command(WorldCommand::TimeScale { time_scale: 1000.0 })?;
     let from_s = options.after.unwrap_or(scene.time.spin_up_s);
     eprintln!("running the scene to simulated second {from_s}");

@@ -1,12 +1,16 @@
 //! From a snapshot and a camera to coded pixels.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use welkin_proto::scene::{self, Scene};
 use welkin_proto::wire::{FrameFormat, PlanReport};
 use welkin_proto::{ApiError, Camera};
+use welkin_shaders::CloudVolume;
 use welkin_shaders::cpu::view::{Detail, Ground, Prepared, ViewSettings, render_watched};
+use welkin_shaders::gpu::{Context, GpuView};
 
+use crate::machine::{Adapter, Compute, gpu_failure};
 use crate::world::Snapshot;
 
 /// Quality of JPEG pictures, 0 to 100.
@@ -25,10 +29,52 @@ pub struct Picture {
 }
 
 /// Renders pictures of one world; keeps what pictures of the same tick or sky share.
-#[derive(Default)]
 pub struct Renderer {
-    prepared: Prepared,
+    painter: Painter,
     stages: Vec<StageTime>,
+}
+
+/// What draws: the device that worlds compute on, never another in its place.
+enum Painter {
+    Cpu(Box<Prepared>),
+    Gpu {
+        adapter: Adapter,
+        view: Option<(Arc<Context>, Box<GpuView>)>,
+    },
+}
+
+impl Painter {
+    fn paint(
+        &mut self,
+        volume: Option<&CloudVolume>,
+        settings: &ViewSettings,
+        after: &mut dyn FnMut(&'static str),
+    ) -> Result<Vec<u8>, ApiError> {
+        match self {
+            Painter::Cpu(prepared) => Ok(render_watched(volume, settings, prepared, after)),
+            Painter::Gpu { adapter, view } => {
+                let context = adapter.context();
+                let made = match view.take() {
+                    Some((theirs, made)) if Arc::ptr_eq(&theirs, &context) => Ok(made),
+                    _ => GpuView::new(context.clone()).map(Box::new),
+                };
+                let painted = made.and_then(|mut made| {
+                    let rgb8 = made.render(volume, settings, after)?;
+                    *view = Some((context.clone(), made));
+                    Ok(rgb8)
+                });
+                painted.map_err(|error| {
+                    // A device in trouble stays so: the next picture finds it opened again.
+                    if context.check().is_err()
+                        && let Err(error) = adapter.reopen(&context)
+                    {
+                        tracing::error!(%error, "the adapter cannot be opened again");
+                    }
+                    gpu_failure(&error)
+                })
+            }
+        }
+    }
 }
 
 /// How often a stage of the view ran and how long it took in all.
@@ -50,9 +96,18 @@ pub fn put_times(plan: &mut PlanReport, times: &[StageTime]) {
 }
 
 impl Renderer {
-    /// Nothing prepared yet.
-    pub fn new() -> Self {
-        Self::default()
+    /// Draws on that device; nothing is prepared yet.
+    pub fn new(compute: &Compute) -> Self {
+        Self {
+            painter: match compute {
+                Compute::Cpu => Painter::Cpu(Box::default()),
+                Compute::Gpu(adapter) => Painter::Gpu {
+                    adapter: adapter.clone(),
+                    view: None,
+                },
+            },
+            stages: Vec::new(),
+        }
     }
 
     /// What the view's stages have cost so far.
@@ -61,7 +116,7 @@ impl Renderer {
     }
 
     /// Renders `width * height` pixels from `camera`. Errors: `out_of_range` for a picture of no or absurdly many pixels
-    /// (callers set their own, lower limits).
+    /// (callers set their own, lower limits); those of [`GpuError::code`](welkin_shaders::gpu::GpuError::code).
     pub fn render(
         &mut self,
         snapshot: &Snapshot,
@@ -104,11 +159,9 @@ impl Renderer {
         };
         let mut last = begin;
         let stages = &mut self.stages;
-        let rgb8 = render_watched(
-            snapshot.volume.as_deref(),
-            &settings,
-            &mut self.prepared,
-            &mut |stage| {
+        let rgb8 = self
+            .painter
+            .paint(snapshot.volume.as_deref(), &settings, &mut |stage| {
                 let now = Instant::now();
                 let ms = (now - last).as_secs_f64() * 1e3;
                 last = now;
@@ -123,8 +176,7 @@ impl Renderer {
                         total_ms: ms,
                     }),
                 }
-            },
-        );
+            })?;
         Ok(Picture {
             rgb8,
             width,

@@ -558,7 +558,8 @@ impl Pass {
 /// A stage of light or view: it runs for a picture, on a published cloud, outside the tick, and writes no field of the state.
 #[derive(Debug)]
 pub struct ViewStage {
-    /// The stage's name; its file is `cpu/light/NAME.rs` or `cpu/view/NAME.rs` (a part of a stage stands behind a colon).
+    /// The stage's name; its file is `cpu/light/NAME.rs` or `cpu/view/NAME.rs`, and `wgsl/light/NAME.wgsl` or `wgsl/view/NAME.wgsl` (a part of a
+    /// stage stands behind a colon).
     pub name: &'static str,
     /// The effects that must all be present; none: every picture needs it.
     pub needs: &'static [Effect],
@@ -568,7 +569,37 @@ pub struct ViewStage {
     pub writes: &'static [&'static str],
     /// One line: what it does.
     pub what: &'static str,
+    /// How far its results on the two devices may be apart.
+    pub tolerance: Tolerance,
 }
+
+/// How far a stage's results on two devices may be apart.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tolerance {
+    /// The largest difference of two values.
+    pub within: Within,
+    /// Share of the values that may be farther apart.
+    pub outside: f32,
+    /// Why so much, and no more.
+    pub why: &'static str,
+}
+
+/// A bound on a difference.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Within {
+    /// A share of the value and of a hundredth of the largest value.
+    Relative(f32),
+    /// In the result's own unit; packed numbers in steps, pictures in levels of 8 bits.
+    Absolute(f32),
+}
+
+/// Pictures: the same samples of the same field, summed in the same order.
+const PICTURE: Tolerance = Tolerance {
+    within: Within::Absolute(1.0),
+    outside: 0.001,
+    why: "levels are rounded down, so the last bit of a sum can cost one; where it moves a ray over a cell's border of the occupancy, the \
+          samples behind shift by a step and the pixel by some levels: one in thousands",
+};
 
 /// The stages of light and view, in order.
 pub const VIEW_STAGES: &[ViewStage] = &[
@@ -578,6 +609,11 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         reads: &["atmosphere"],
         writes: &["air_transmittance"],
         what: "sunlight through clear air, by height and direction",
+        tolerance: Tolerance {
+            within: Within::Relative(1e-4),
+            outside: 0.0,
+            why: "heights and distances are 32-bit floats here and 64-bit ones in the twin: 1e-7 of the Earth's radius is half a metre, 1e-4 of a scale height",
+        },
     },
     ViewStage {
         name: "multiple_scattering_table",
@@ -585,6 +621,11 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         reads: &["atmosphere", "air_transmittance"],
         writes: &["air_multiple_scattering"],
         what: "light scattered more than once in clear air",
+        tolerance: Tolerance {
+            within: Within::Relative(3e-4),
+            outside: 0.0,
+            why: "sums over 32 directions in another order, of lookups at heights that differ by half a metre",
+        },
     },
     ViewStage {
         name: "sky_table",
@@ -597,6 +638,11 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         ],
         writes: &["sky_radiance"],
         what: "the clear sky as seen from the camera",
+        tolerance: Tolerance {
+            within: Within::Relative(4e-4),
+            outside: 0.0,
+            why: "28 steps, each looking up two tables at heights that differ by half a metre",
+        },
     },
     ViewStage {
         name: "sky_light",
@@ -604,6 +650,11 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         reads: &["air_transmittance", "air_multiple_scattering", "sun_direction"],
         writes: &["sun_and_sky_on_cloud_and_ground"],
         what: "what sun, sky and ground give to clouds and land",
+        tolerance: Tolerance {
+            within: Within::Relative(1e-4),
+            outside: 0.0,
+            why: "a mean over rays as those of the sky table",
+        },
     },
     ViewStage {
         name: "shape",
@@ -611,6 +662,11 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         reads: &["extinction"],
         writes: &["cloud_cover_and_amplitude"],
         what: "the cloud as a smooth field, twice as fine as the grid",
+        tolerance: Tolerance {
+            within: Within::Absolute(1.0),
+            outside: 0.0,
+            why: "16-bit steps are rounded down, so the last bit of a sum can cost one",
+        },
     },
     ViewStage {
         name: "occupancy",
@@ -618,6 +674,11 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         reads: &["cloud_cover_and_amplitude"],
         writes: &["empty_distance"],
         what: "how far a ray may leap over empty air (within shape)",
+        tolerance: Tolerance {
+            within: Within::Absolute(0.0),
+            outside: 0.0,
+            why: "small whole numbers of metres, squared: exact in both",
+        },
     },
     ViewStage {
         name: "sky_visibility",
@@ -625,6 +686,11 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         reads: &["extinction"],
         writes: &["sky_and_ground_visibility"],
         what: "how much light of sky and ground reaches the inside of clouds",
+        tolerance: Tolerance {
+            within: Within::Absolute(1e-6),
+            outside: 0.0,
+            why: "the same sums in the same order, fused or not",
+        },
     },
     ViewStage {
         name: "sun_optical_depth",
@@ -636,6 +702,11 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         ],
         writes: &["sun_optical_depth", "ground_shadow"],
         what: "how much cloud lies towards the sun",
+        tolerance: Tolerance {
+            within: Within::Absolute(2.0),
+            outside: 0.0001,
+            why: "16-bit steps of a sum of some 50 samples; a sample on a cell's border of the occupancy may be leapt over on one side",
+        },
     },
     ViewStage {
         name: "detail_noise",
@@ -643,6 +714,11 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         reads: &[],
         writes: &["detail_tile"],
         what: "the pattern that carves edges finer than a cell",
+        tolerance: Tolerance {
+            within: Within::Absolute(1.0),
+            outside: 0.0,
+            why: "bytes are rounded, so the last bit of a sum can cost one",
+        },
     },
     ViewStage {
         name: "march:octaves",
@@ -650,6 +726,7 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         reads: &["sun_optical_depth"],
         writes: &["scattered_octaves"],
         what: "light scattered more than once inside cloud (within march)",
+        tolerance: PICTURE,
     },
     ViewStage {
         name: "march",
@@ -663,6 +740,7 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         ],
         writes: &["radiance"],
         what: "rays of view through sky and cloud to the ground",
+        tolerance: PICTURE,
     },
     ViewStage {
         name: "ground",
@@ -670,6 +748,7 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         reads: &["sun_and_sky_on_cloud_and_ground"],
         writes: &["radiance"],
         what: "the land (within march)",
+        tolerance: PICTURE,
     },
     ViewStage {
         name: "ground:shadow",
@@ -677,6 +756,7 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         reads: &["ground_shadow"],
         writes: &["radiance"],
         what: "the clouds' shadow on the land (within march)",
+        tolerance: PICTURE,
     },
     ViewStage {
         name: "haze",
@@ -684,6 +764,7 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         reads: &["atmosphere"],
         writes: &["radiance"],
         what: "the air between the camera and the cloud (within march)",
+        tolerance: PICTURE,
     },
     ViewStage {
         name: "tone_map",
@@ -691,5 +772,6 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         reads: &["radiance"],
         writes: &["picture"],
         what: "exposure, filmic curve, sRGB (within march)",
+        tolerance: PICTURE,
     },
 ];

@@ -118,7 +118,11 @@ fn run_every_pass(context: &Arc<Context>, scene: &Scene) -> usize {
                     info.name,
                     field.name()
                 );
-                println!("{} stage {stage}, {}: {found:.1e} of {tolerance:e}", info.name, field.name());
+                println!(
+                    "{} stage {stage}, {}: {found:.1e} of {tolerance:e}",
+                    info.name,
+                    field.name()
+                );
                 assert!(
                     found <= tolerance,
                     "{} stage {stage}: {} differs by {found:e} of its root mean square; {tolerance:e} is allowed: {why}",

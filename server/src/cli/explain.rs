@@ -28,13 +28,14 @@ pub(super) struct Options {
 
 pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
     let scene = options.flags.load(&options.scene, &own_limits())?;
-    let mut world = World::new(scene, options.flags.machine()?)?;
+    let machine = options.flags.machine()?;
+    let mut renderer = Renderer::new(&machine.compute);
+    let mut world = World::new(scene, machine)?;
     for _ in 0..options.ticks {
         world.tick();
     }
     let mut plan = world.plan_report();
     if options.ticks > 0 {
-        let mut renderer = Renderer::new();
         let scene = world.scene();
         renderer.render(&world.snapshot(), scene, &scene.camera, 640, 360)?;
         picture::put_times(&mut plan, renderer.times());

@@ -71,7 +71,9 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
     let until_s = options.at.unwrap_or(scene.time.spin_up_s);
     let interrupted = interrupt_flag();
     let began = Instant::now();
-    let mut world = World::new(scene, options.flags.machine()?)?;
+    let machine = options.flags.machine()?;
+    let mut renderer = Renderer::new(&machine.compute);
+    let mut world = World::new(scene, machine)?;
     let bar = progress_bar(until_s, "simulating");
     world.advance_to(until_s, |world| {
         bar.set_position(world.simulated_s() as u64);
@@ -84,7 +86,7 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
     let simulate_s = began.elapsed().as_secs_f64();
     let snapshot = world.snapshot();
     let [width, height] = options.size;
-    let picture = Renderer::new().render(&snapshot, world.scene(), &camera, width, height)?;
+    let picture = renderer.render(&snapshot, world.scene(), &camera, width, height)?;
     write_file(&options.output, &picture::encode(&picture, format)?)?;
     print_line(&format!(
         "{}: {width}x{height} at simulated second {:.0}; simulated in {simulate_s:.1} s, rendered in {:.0} ms",

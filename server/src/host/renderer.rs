@@ -15,6 +15,7 @@ use welkin_proto::wire::FrameFormat;
 use welkin_proto::{ApiError, Camera};
 
 use super::View;
+use crate::machine::Compute;
 use crate::picture::{self, Picture, Renderer};
 
 /// Pictures kept for viewers who ask for the one just made, in another coding or at the same tick.
@@ -94,10 +95,10 @@ impl Shared {
 }
 
 impl RenderService {
-    /// Starts the render thread.
+    /// Starts the render thread, which draws on `compute`.
     ///
     /// Errors: those of the operating system.
-    pub fn start() -> std::io::Result<Self> {
+    pub fn start(compute: Compute) -> std::io::Result<Self> {
         let shared = Arc::new(Shared {
             queue: Mutex::new(Queue::default()),
             wake: Condvar::new(),
@@ -105,7 +106,7 @@ impl RenderService {
         let theirs = shared.clone();
         let thread = std::thread::Builder::new()
             .name("render".into())
-            .spawn(move || render_loop(&theirs))?;
+            .spawn(move || render_loop(&theirs, compute))?;
         Ok(Self {
             shared,
             thread: Some(thread),
@@ -192,15 +193,20 @@ impl PictureKey {
 }
 
 /// What the render thread keeps between frames.
-#[derive(Default)]
 struct Kept {
+    compute: Compute,
     renderers: HashMap<Arc<str>, Renderer>,
     pictures: VecDeque<(PictureKey, Arc<Picture>)>,
     frames: VecDeque<(PictureKey, FrameFormat, Arc<Frame>)>,
 }
 
-fn render_loop(shared: &Shared) {
-    let mut kept = Kept::default();
+fn render_loop(shared: &Shared, compute: Compute) {
+    let mut kept = Kept {
+        compute,
+        renderers: HashMap::new(),
+        pictures: VecDeque::new(),
+        frames: VecDeque::new(),
+    };
     loop {
         let mut queue = shared.lock();
         let job = loop {
@@ -255,7 +261,10 @@ impl Kept {
         let picture = match self.pictures.iter().find(|(k, _)| k.is(world, revision, request)) {
             Some((_, picture)) => picture.clone(),
             None => {
-                let renderer = self.renderers.entry(world.id.clone()).or_default();
+                let renderer = self
+                    .renderers
+                    .entry(world.id.clone())
+                    .or_insert_with(|| Renderer::new(&self.compute));
                 let picture = Arc::new(renderer.render(
                     &published.snapshot,
                     &world.scene,

@@ -99,6 +99,7 @@ fn run(
         format: wish.format,
         camera: wish.camera.clone().unwrap_or_else(|| scene.camera.clone()),
     };
+    let mut renderer = Renderer::new(&machine.compute);
     let mut world = World::new(scene, machine)?;
     world.advance_to(wish.simulated_s, |_| {
         began.elapsed() < deadline && !abandoned.load(Ordering::Relaxed)
@@ -114,7 +115,7 @@ fn run(
         return Err(ApiError::new("render_too_long", message));
     }
     let simulate_ms = began.elapsed().as_secs_f64() * 1e3;
-    let picture = Renderer::new().render(&snapshot, world.scene(), &request.camera, request.width, request.height)?;
+    let picture = renderer.render(&snapshot, world.scene(), &request.camera, request.width, request.height)?;
     let encoding = Instant::now();
     let bytes = picture::encode(&picture, request.format)?;
     let frame = Frame {

@@ -51,13 +51,14 @@ impl AppState {
     ///
     /// Errors: `internal` where the render thread cannot be started.
     pub fn new(limits: Limits, machine: impl Into<Machine>) -> Result<Self, ApiError> {
+        let machine = machine.into();
         let shared = Shared {
-            machine: machine.into(),
+            renderer: RenderService::start(machine.compute.clone()).map_err(internal)?,
+            machine,
             started: Instant::now(),
             worlds: Mutex::new(Worlds::default()),
             streams: AtomicUsize::new(0),
             renders: Arc::new(Semaphore::new(limits.renders_max)),
-            renderer: RenderService::start().map_err(internal)?,
             limits,
         };
         Ok(Self {

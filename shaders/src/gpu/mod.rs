@@ -12,14 +12,19 @@ pub mod kernel;
 pub mod pressure;
 pub mod profiles;
 pub mod readback;
+pub mod view;
+pub mod view_stages;
 
 pub use context::{AdapterChoice, AdapterReport, Context};
 pub use device::Gpu;
 pub use error::GpuError;
 pub use kernel::{Bind, Kernel};
+pub use view::GpuView;
 
 use crate::cpu::sim::{advect, cloud_extinction, reduce_cloud, saturation_adjustment, surface_flux};
+use crate::cpu::{light, view as view_twins};
 use crate::wgsl::Module;
+use view_stages::{Air, ShapeGrid, SkyLightAsk, SkyLightValues, SkyView, SunMarch, ViewFrame, VisibilitySweep};
 
 macro_rules! modules {
     ($($name:literal constants [$($constants:path),* $(,)?] structs [$($layout:expr),* $(,)?];)*) => {
@@ -57,4 +62,25 @@ modules! {
     "sim/reduce" constants [readback::WGSL] structs [];
     "sim/vitals" constants [readback::WGSL] structs [];
     "sim/reduce_cloud" constants [readback::WGSL, reduce_cloud::WGSL] structs [];
+    "shared/atmosphere" constants [light::atmosphere::WGSL] structs [Air::LAYOUT];
+    "shared/phase" constants [] structs [];
+    "shared/air_transmittance" constants [light::transmittance_table::WGSL] structs [];
+    "shared/sky_radiance" constants [light::multiple_scattering_table::WGSL, light::sky_table::WGSL] structs [];
+    "shared/shape" constants [view_twins::occupancy::WGSL, view_twins::shape::WGSL] structs [ShapeGrid::LAYOUT];
+    "shared/spline" constants [] structs [];
+    "shared/detail" constants [view_twins::detail_noise::WGSL] structs [];
+    "shared/sky_look" constants [light::sky_table::WGSL] structs [ViewFrame::LAYOUT];
+    "light/transmittance_table" constants [light::transmittance_table::WGSL] structs [];
+    "light/multiple_scattering_table" constants [light::multiple_scattering_table::WGSL] structs [];
+    "light/sky_table" constants [] structs [SkyView::LAYOUT];
+    "light/sky_light" constants [light::sky_light::WGSL] structs [SkyLightAsk::LAYOUT, SkyLightValues::LAYOUT];
+    "light/sky_visibility" constants [light::sky_visibility::WGSL, view_stages::WGSL] structs [VisibilitySweep::LAYOUT];
+    "light/sun_optical_depth" constants [light::sun_optical_depth::WGSL] structs [SunMarch::LAYOUT];
+    "view/shape" constants [] structs [ShapeGrid::LAYOUT];
+    "view/occupancy" constants [view_twins::occupancy::WGSL] structs [ShapeGrid::LAYOUT];
+    "view/detail_noise" constants [view_twins::detail_noise::WGSL] structs [];
+    "view/haze" constants [light::atmosphere::WGSL] structs [ViewFrame::LAYOUT];
+    "view/ground" constants [view_twins::ground::WGSL, light::sky_visibility::WGSL] structs [SkyLightValues::LAYOUT, ViewFrame::LAYOUT];
+    "view/tone_map" constants [view_twins::tone_map::WGSL] structs [];
+    "view/march" constants [view_twins::march::WGSL, light::sun_optical_depth::WGSL] structs [ViewFrame::LAYOUT, SkyLightValues::LAYOUT];
 }

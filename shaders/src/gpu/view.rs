@@ -1,0 +1,397 @@
+//! Pictures on the GPU device: the same stages, tables and picture as [`crate::cpu::view`], within the tolerances of the catalogue.
+//!
+//! Tables are kept and made again only when what they depend on changes, by the same keys as on the CPU. The volume goes up once a
+//! tick; of a picture only its bytes come back.
+
+use std::sync::Arc;
+
+use super::view_stages::{Air, ShapeGrid, SkyLightAsk, SkyView, SunMarch, ViewFrame, ViewStages};
+use super::{Context, GpuError};
+use crate::CloudVolume;
+use crate::cpu::light::sky_table::{horizon_sine, sun_azimuth};
+use crate::cpu::light::sun_optical_depth::marched_direction;
+use crate::cpu::view::haze::Haze;
+use crate::view::{Ground, LightKey, Look, SkyKey, Slab, SunLightKey, ViewSettings, fingerprint};
+
+/// Pixels that one submission draws at most: a slow GPU's watchdog ends what runs for seconds.
+const BAND_PIXELS: usize = 1 << 18;
+
+/// Buffers that are kept from one cloud to the next and grow when they must.
+#[derive(Default)]
+struct CloudBuffers {
+    extinction: Option<wgpu::Buffer>,
+    largest: Option<wgpu::Buffer>,
+    words: Option<wgpu::Buffer>,
+    along_x: Option<wgpu::Buffer>,
+    along_xy: Option<wgpu::Buffer>,
+    occupancy: Option<wgpu::Buffer>,
+    above: Option<wgpu::Buffer>,
+    below: Option<wgpu::Buffer>,
+    light_words: Option<wgpu::Buffer>,
+    shadow: Option<wgpu::Buffer>,
+}
+
+/// A cloud's shape on the GPU.
+struct Cloud {
+    grid: ShapeGrid,
+    uniform: wgpu::Buffer,
+    words: wgpu::Buffer,
+    occupancy: wgpu::Buffer,
+    above: wgpu::Buffer,
+    below: wgpu::Buffer,
+}
+
+/// Optical depths on the GPU.
+struct CloudLight {
+    words: wgpu::Buffer,
+    shadow: wgpu::Buffer,
+}
+
+/// Tables of the clear air on the GPU.
+struct AirTables {
+    air: wgpu::Buffer,
+    transmittance: wgpu::Buffer,
+    multiple: wgpu::Buffer,
+}
+
+/// Draws pictures on a GPU; keeps what pictures of the same tick or sky share.
+pub struct GpuView {
+    context: Arc<Context>,
+    stages: ViewStages,
+    blank: wgpu::Buffer,
+    noise: Option<wgpu::Buffer>,
+    air: Option<(crate::cpu::light::Atmosphere, AirTables)>,
+    sky: Option<(SkyKey, wgpu::Buffer)>,
+    light: Option<(LightKey, wgpu::Buffer)>,
+    buffers: CloudBuffers,
+    shape: Option<(u64, Option<Cloud>)>,
+    sun_light: Option<(SunLightKey, CloudLight)>,
+    frame: wgpu::Buffer,
+    picture: Option<wgpu::Buffer>,
+}
+
+impl GpuView {
+    /// Compiles the stages. Errors: `Shader`, and those of memory and loss.
+    pub fn new(context: Arc<Context>) -> Result<GpuView, GpuError> {
+        let stages = ViewStages::new(context.clone())?;
+        let blank = context.storage("an empty table", 64)?;
+        let frame = context.uniform("the frame", bytemuck::bytes_of(&ViewFrame::default()))?;
+        Ok(GpuView {
+            context,
+            stages,
+            blank,
+            noise: None,
+            air: None,
+            sky: None,
+            light: None,
+            buffers: CloudBuffers::default(),
+            shape: None,
+            sun_light: None,
+            frame,
+            picture: None,
+        })
+    }
+
+    /// Draws a picture: RGB, `width * height * 3` bytes, sRGB, rows from top to bottom. An empty volume gives what none gives. Calls
+    /// `after` with a stage's name when the stage is done; `march` includes ground, haze, tone map and the way back.
+    ///
+    /// Errors: `TooLarge` for a volume or a picture beyond the adapter's limits; those of memory and loss. What failed is made anew
+    /// with the next picture.
+    pub fn render(
+        &mut self,
+        volume: Option<&CloudVolume>,
+        settings: &ViewSettings,
+        after: &mut dyn FnMut(&'static str),
+    ) -> Result<Vec<u8>, GpuError> {
+        let (width, height) = (settings.width, settings.height);
+        if width == 0 || height == 0 {
+            return Ok(Vec::new());
+        }
+        let look = Look::new(settings, volume.map_or([0.0; 3], |v| v.air_displacement_m));
+        self.prepare_noise(after)?;
+        self.prepare_air(&look, after)?;
+        let key = volume.map_or(0, fingerprint);
+        self.prepare_shape(key, volume, after)?;
+        self.prepare_sky(&look, after)?;
+        self.prepare_light(&look, after)?;
+        self.prepare_sun_light(&look, key, after)?;
+        let picture = self.march(&look, settings)?;
+        after("march");
+        Ok(picture)
+    }
+
+    fn prepare_noise(&mut self, after: &mut dyn FnMut(&'static str)) -> Result<(), GpuError> {
+        if self.noise.is_none() {
+            let words = self.context.storage("the detail tile", ViewStages::DETAIL_BYTES)?;
+            self.stages.detail_noise(&words)?;
+            self.context.wait()?;
+            self.noise = Some(words);
+            after("detail_noise");
+        }
+        Ok(())
+    }
+
+    fn prepare_air(&mut self, look: &Look, after: &mut dyn FnMut(&'static str)) -> Result<(), GpuError> {
+        if self.air.as_ref().is_some_and(|(air, _)| *air == look.air) {
+            return Ok(());
+        }
+        let context = &self.context;
+        let tables = AirTables {
+            air: context.uniform("the air", bytemuck::bytes_of(&Air::new(&look.air)))?,
+            transmittance: context.storage("the transmittance table", ViewStages::TRANSMITTANCE_BYTES)?,
+            multiple: context.storage("the multiple scattering table", ViewStages::MULTIPLE_BYTES)?,
+        };
+        self.stages.transmittance_table(&tables.air, &tables.transmittance)?;
+        context.wait()?;
+        after("transmittance_table");
+        self.stages
+            .multiple_scattering_table(&tables.air, &tables.transmittance, &tables.multiple)?;
+        context.wait()?;
+        after("multiple_scattering_table");
+        self.air = Some((look.air, tables));
+        Ok(())
+    }
+
+    fn prepare_sky(&mut self, look: &Look, after: &mut dyn FnMut(&'static str)) -> Result<(), GpuError> {
+        let key = look.sky_key();
+        let (Some((_, air)), false) = (&self.air, self.sky.as_ref().is_some_and(|(k, _)| *k == key)) else {
+            return Ok(());
+        };
+        let table = match self.sky.take() {
+            Some((_, table)) => table,
+            None => self.context.storage("the sky table", ViewStages::SKY_BYTES)?,
+        };
+        let view = SkyView::new(look.table_sun, look.position_m[2]);
+        self.stages
+            .sky_table(&air.air, &view, &air.transmittance, &air.multiple, &table)?;
+        self.context.wait()?;
+        self.sky = Some((key, table));
+        after("sky_table");
+        Ok(())
+    }
+
+    fn prepare_light(&mut self, look: &Look, after: &mut dyn FnMut(&'static str)) -> Result<(), GpuError> {
+        let cloud = self.shape.as_ref().and_then(|(_, c)| c.as_ref());
+        let key = look.light_key(cloud.map(|c| [c.grid.bottom_m, c.grid.top_m]));
+        let (Some((_, air)), false) = (&self.air, self.light.as_ref().is_some_and(|(k, _)| *k == key)) else {
+            return Ok(());
+        };
+        let values = match self.light.take() {
+            Some((_, values)) => values,
+            None => self.stages.sky_light_buffer()?,
+        };
+        let (.., base_top_m) = key;
+        let ask = SkyLightAsk::new(look.table_sun, look.ground, base_top_m);
+        self.stages
+            .sky_light(&air.air, &ask, &air.transmittance, &air.multiple, &values)?;
+        self.context.wait()?;
+        self.light = Some((key, values));
+        after("sky_light");
+        Ok(())
+    }
+
+    fn prepare_shape(
+        &mut self,
+        key: u64,
+        volume: Option<&CloudVolume>,
+        after: &mut dyn FnMut(&'static str),
+    ) -> Result<(), GpuError> {
+        if self.shape.as_ref().is_some_and(|(k, _)| *k == key) {
+            return Ok(());
+        }
+        self.shape = None;
+        self.sun_light = None;
+        let Some(slab) = volume.and_then(Slab::new) else {
+            self.shape = Some((key, None));
+            return Ok(());
+        };
+        let context = &self.context;
+        let buffers = &mut self.buffers;
+        let grid = ShapeGrid::new(&slab);
+        let cells = slab.extinction_per_m.len() as u64 * 4;
+        let extinction = fit(context, &mut buffers.extinction, "the cloud's extinction", cells)?;
+        let largest = fit(context, &mut buffers.largest, "the largest extinction around", cells)?;
+        let words = fit(context, &mut buffers.words, "the cloud's shape", grid.word_bytes())?;
+        let along_x = fit(context, &mut buffers.along_x, "distances along x", cells)?;
+        let along_xy = fit(context, &mut buffers.along_xy, "distances along x and y", cells)?;
+        let occupancy = fit(context, &mut buffers.occupancy, "the occupancy", grid.occupancy_bytes())?;
+        let above = fit(context, &mut buffers.above, "the sky's visibility", cells)?;
+        let below = fit(context, &mut buffers.below, "the ground's visibility", cells)?;
+        let uniform = context.uniform("the cloud's grid", bytemuck::bytes_of(&grid))?;
+        context
+            .queue
+            .write_buffer(&extinction, 0, bytemuck::cast_slice(&slab.extinction_per_m));
+        self.stages.shape(&grid, &uniform, &extinction, &largest, &words)?;
+        self.stages
+            .occupancy(&grid, &uniform, &largest, [&along_x, &along_xy], &occupancy)?;
+        context.wait()?;
+        after("shape");
+        self.stages.sky_visibility(&slab, &extinction, &above, &below)?;
+        context.wait()?;
+        after("sky_visibility");
+        let cloud = Cloud {
+            grid,
+            uniform,
+            words,
+            occupancy,
+            above,
+            below,
+        };
+        self.shape = Some((key, Some(cloud)));
+        Ok(())
+    }
+
+    fn prepare_sun_light(
+        &mut self,
+        look: &Look,
+        volume: u64,
+        after: &mut dyn FnMut(&'static str),
+    ) -> Result<(), GpuError> {
+        let key = look.sun_light_key(volume);
+        let Some((_, Some(cloud))) = &self.shape else {
+            return Ok(());
+        };
+        if self.sun_light.as_ref().is_some_and(|(k, _)| *k == key) {
+            return Ok(());
+        }
+        self.sun_light = None;
+        let (context, buffers) = (&self.context, &mut self.buffers);
+        let grid = &cloud.grid;
+        let light = CloudLight {
+            words: fit(
+                context,
+                &mut buffers.light_words,
+                "the cloud's light",
+                grid.word_bytes(),
+            )?,
+            shadow: fit(context, &mut buffers.shadow, "the shadow map", grid.shadow_bytes())?,
+        };
+        let march = SunMarch::new(look.table_sun, look.detail.is_some());
+        self.stages.sun_optical_depth(
+            grid,
+            &cloud.uniform,
+            &march,
+            [&cloud.words, &cloud.occupancy, &cloud.above, &cloud.below],
+            &light.words,
+            &light.shadow,
+        )?;
+        context.wait()?;
+        self.sun_light = Some((key, light));
+        after("sun_optical_depth");
+        Ok(())
+    }
+
+    fn march(&mut self, look: &Look, settings: &ViewSettings) -> Result<Vec<u8>, GpuError> {
+        let (width, height) = (settings.width, settings.height);
+        // Rows are filled up to whole words.
+        let row_words = width.div_ceil(4) * 3;
+        let bytes = (row_words * height) as u64 * 4;
+        let picture = fit(&self.context, &mut self.picture, "the picture", bytes)?;
+        let (Some(noise), Some((_, air)), Some((_, sky)), Some((_, light))) =
+            (&self.noise, &self.air, &self.sky, &self.light)
+        else {
+            return Err(GpuError::Other {
+                message: "a table of the view is missing".to_owned(),
+            });
+        };
+        let shape = self.shape.as_ref().and_then(|(_, shape)| shape.as_ref());
+        let cloud = shape.zip(self.sun_light.as_ref().map(|(_, light)| light));
+        let mut frame = ViewFrame::new(look, settings, cloud.is_some(), row_words);
+        let blank = &self.blank;
+        let (grid, words, occupancy, light_words, shadow) = match &cloud {
+            Some((c, l)) => (&c.uniform, &c.words, &c.occupancy, &l.words, &l.shadow),
+            None => (&self.stages.no_cloud, blank, blank, blank, blank),
+        };
+        let bound = self.stages.bind_march(&[
+            &self.frame,
+            light,
+            grid,
+            &air.transmittance,
+            sky,
+            words,
+            occupancy,
+            light_words,
+            shadow,
+            noise,
+            &picture,
+        ]);
+        let band = (BAND_PIXELS / width).next_multiple_of(8).max(8);
+        for first_row in (0..height).step_by(band) {
+            frame.first_row = first_row as u32;
+            self.context
+                .queue
+                .write_buffer(&self.frame, 0, bytemuck::bytes_of(&frame));
+            self.stages.march(&bound, width, band.min(height - first_row))?;
+        }
+        let mut rgb8 = self.context.read(&picture, bytes)?;
+        if row_words * 4 != width * 3 {
+            for row in 1..height {
+                let from = row * row_words * 4;
+                rgb8.copy_within(from..from + width * 3, row * width * 3);
+            }
+        }
+        rgb8.truncate(width * height * 3);
+        Ok(rgb8)
+    }
+}
+
+/// The buffer kept in `slot`, made anew if it is smaller than `bytes`.
+fn fit(context: &Context, slot: &mut Option<wgpu::Buffer>, what: &str, bytes: u64) -> Result<wgpu::Buffer, GpuError> {
+    if let Some(buffer) = slot.as_ref().filter(|b| b.size() >= bytes) {
+        return Ok(buffer.clone());
+    }
+    // The old one is freed first: there may not be room for both.
+    *slot = None;
+    let buffer = context.storage(what, bytes)?;
+    *slot = Some(buffer.clone());
+    Ok(buffer)
+}
+
+fn wide(v: [f32; 3], last: f32) -> [f32; 4] {
+    [v[0], v[1], v[2], last]
+}
+
+impl ViewFrame {
+    /// What the march is told of a picture; `first_row` is 0.
+    pub fn new(look: &Look, settings: &ViewSettings, cloud: bool, row_words: usize) -> ViewFrame {
+        let haze = Haze::new(&look.air, look.position_m[2]);
+        let [right, up, ahead] = look.axes;
+        let [east, north] = sun_azimuth(look.table_sun);
+        let detail = look.detail;
+        ViewFrame {
+            position_m: wide(look.position_m, 0.0),
+            right: wide(right, 0.0),
+            up: wide(up, 0.0),
+            ahead: wide(ahead, 0.0),
+            sun_direction: wide(look.sun_direction, 0.0),
+            marched_sun: wide(marched_direction(look.sun_direction), 0.0),
+            sky_sun: [east, north, 0.0, 0.0],
+            haze_per_m: wide(haze.rayleigh_per_m, haze.aerosol_per_m),
+            droplets: [
+                look.droplets.g_peak,
+                look.droplets.g_rest,
+                look.droplets.alpha,
+                look.droplets.weight,
+            ],
+            ground_albedo: wide(look.ground.albedo(), 0.0),
+            ground_tint: wide(look.ground.tint(), 0.0),
+            detail_offset_m: wide(detail.map_or([0.0; 3], |d| d.offset_m), 0.0),
+            width: settings.width as u32,
+            height: settings.height as u32,
+            first_row: 0,
+            row_words: row_words as u32,
+            radians_per_pixel: 2.0 * look.half_height / settings.height as f32,
+            horizon_sine: horizon_sine(look.position_m[2]),
+            exposure_gain: look.exposure_gain,
+            detail_push: detail.map_or(0.0, |d| d.push),
+            detail_blend: detail.map_or(0.0, |d| d.blend),
+            detail_tiles_per_m: detail.map_or(0.0, |d| d.tiles_per_m),
+            octaves: look.octaves as u32,
+            cloud: cloud as u32,
+            shadow: (cloud && settings.cloud_shadow) as u32,
+            sea: (look.ground == Ground::Sea) as u32,
+            haze_on_cloud: settings.visibility_m.is_some() as u32,
+            unused_0: 0,
+        }
+    }
+}

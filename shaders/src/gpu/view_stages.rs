@@ -1,0 +1,640 @@
+//! The stages of light and view in WGSL: compiled, with the structs that they are told things by.
+//!
+//! Every stage submits its own work and does not wait for it.
+
+use std::sync::Arc;
+
+use super::{Bind, Context, GpuError, Kernel};
+use crate::cpu::light::Atmosphere;
+use crate::cpu::light::multiple_scattering_table::{MULTIPLE_HEIGHTS, MULTIPLE_SUNS};
+use crate::cpu::light::sky_table::{SKY_COLUMNS, SKY_HALF_ROWS, horizon_sine};
+use crate::cpu::light::sky_visibility::slanted_path;
+use crate::cpu::light::sun_optical_depth::marched_direction;
+use crate::cpu::light::transmittance_table::{TRANSMITTANCE_DIRECTIONS, TRANSMITTANCE_HEIGHTS};
+use crate::cpu::view::detail_noise::TILE_POINTS;
+use crate::view::{Ground, Slab};
+
+crate::constants! {
+    /// Cells of whole lines that a workgroup of `sky_visibility` keeps; four numbers each.
+    pub const VISIBILITY_TILE: usize = 1024;
+}
+
+crate::gpu_struct! {
+    /// The clear air over a place.
+    pub struct Air {
+        /// As in the twin.
+        pub surface_altitude_m: f32,
+        /// As in the twin.
+        pub aerosol_per_m: f32,
+        /// Fills 16 bytes.
+        pub unused_0: f32,
+        /// Fills 16 bytes.
+        pub unused_1: f32,
+    }
+}
+
+crate::gpu_struct! {
+    /// What the sky table is told.
+    pub struct SkyView {
+        /// Towards the sun.
+        pub sun_direction: [f32; 4],
+        /// Sine of the horizon's elevation.
+        pub horizon_sine: f32,
+        /// The camera's height, m.
+        pub height_m: f32,
+        /// Fills 16 bytes.
+        pub unused_0: f32,
+        /// Fills 16 bytes.
+        pub unused_1: f32,
+    }
+}
+
+crate::gpu_struct! {
+    /// What the light on clouds and ground is told.
+    pub struct SkyLightAsk {
+        /// Towards the sun.
+        pub sun_direction: [f32; 4],
+        /// Share of light that the ground gives back.
+        pub ground_albedo: [f32; 4],
+        /// The clouds' base, m.
+        pub base_m: f32,
+        /// Their top, m.
+        pub top_m: f32,
+        /// Fills 16 bytes.
+        pub unused_0: f32,
+        /// Fills 16 bytes.
+        pub unused_1: f32,
+    }
+}
+
+crate::gpu_struct! {
+    /// Light for clouds and ground, the fields of the twin's `SkyLight`; fourth numbers are 0.
+    pub struct SkyLightValues {
+        /// The sun's irradiance across its beam at the clouds' base.
+        pub sun_at_base: [f32; 4],
+        /// The same at the clouds' top.
+        pub sun_at_top: [f32; 4],
+        /// The same at the ground.
+        pub sun_at_ground: [f32; 4],
+        /// Mean radiance of the upper half of the sky.
+        pub sky_radiance: [f32; 4],
+        /// Irradiance of level ground by the sky without the sun.
+        pub sky_irradiance: [f32; 4],
+        /// Mean radiance that comes up from ground without clouds.
+        pub ground_radiance: [f32; 4],
+    }
+}
+
+crate::gpu_struct! {
+    /// One sweep of `sky_visibility`.
+    pub struct VisibilitySweep {
+        /// Cells east.
+        pub cells_x: u32,
+        /// Cells north.
+        pub cells_y: u32,
+        /// Levels.
+        pub levels: u32,
+        /// 0 carries along x, 1 along y.
+        pub axis: u32,
+        /// Lines of cells that a workgroup takes.
+        pub lines_per_tile: u32,
+        /// Length of the path through a level, m.
+        pub path_m: f32,
+        /// Cells that the path goes sideways in a level.
+        pub reach: f32,
+        /// Factor on the sum so far.
+        pub scale: f32,
+    }
+}
+
+crate::gpu_struct! {
+    /// The slab of cells with cloud and the points that its shape is made on.
+    pub struct ShapeGrid {
+        /// Points east.
+        pub points_x: u32,
+        /// Points north.
+        pub points_y: u32,
+        /// Points up.
+        pub points_z: u32,
+        /// Points along an edge of a cell.
+        pub finer: u32,
+        /// Row length as stored: one more point on each side.
+        pub stride_x: u32,
+        /// Rows of a level as stored.
+        pub stride_y: u32,
+        /// Cells east.
+        pub cells_x: u32,
+        /// Cells north.
+        pub cells_y: u32,
+        /// Levels of cells.
+        pub levels: u32,
+        /// Words of occupancy that a row of workgroups writes.
+        pub occupancy_row: u32,
+        /// Lowest height with cloud, m.
+        pub bottom_m: f32,
+        /// Highest height with cloud, m.
+        pub top_m: f32,
+        /// Distance between points, m.
+        pub point_spacing_x_m: f32,
+        /// Distance between points, m.
+        pub point_spacing_y_m: f32,
+        /// Distance between points, m.
+        pub point_spacing_z_m: f32,
+        /// Amplitude a unit, 1/m.
+        pub amplitude_unit_per_m: f32,
+        /// One over the period, 1/m.
+        pub per_period_x: f32,
+        /// One over the period, 1/m.
+        pub per_period_y: f32,
+        /// Cell size, m.
+        pub cell_size_x_m: f32,
+        /// Cell size, m.
+        pub cell_size_y_m: f32,
+        /// Cell size, m.
+        pub cell_size_z_m: f32,
+        /// Fills 16 bytes.
+        pub unused_0: f32,
+        /// Fills 16 bytes.
+        pub unused_1: f32,
+        /// Fills 16 bytes.
+        pub unused_2: f32,
+    }
+}
+
+crate::gpu_struct! {
+    /// What the march towards the sun is told.
+    pub struct SunMarch {
+        /// The direction that is marched to.
+        pub direction: [f32; 4],
+        /// Whether detail carves the cloud.
+        pub carved: u32,
+        /// Fills 16 bytes.
+        pub unused_0: u32,
+        /// Fills 16 bytes.
+        pub unused_1: u32,
+        /// Fills 16 bytes.
+        pub unused_2: u32,
+    }
+}
+
+crate::gpu_struct! {
+    /// What the march of a picture is told.
+    pub struct ViewFrame {
+        /// Camera, m.
+        pub position_m: [f32; 4],
+        /// Unit vector to the right.
+        pub right: [f32; 4],
+        /// Unit vector up.
+        pub up: [f32; 4],
+        /// Unit vector ahead.
+        pub ahead: [f32; 4],
+        /// Towards the sun.
+        pub sun_direction: [f32; 4],
+        /// Towards the sun, never too low to march to.
+        pub marched_sun: [f32; 4],
+        /// East and north of the sun that the sky table is made for.
+        pub sky_sun: [f32; 4],
+        /// Scattering by molecules at the camera, and extinction by aerosol, 1/m.
+        pub haze_per_m: [f32; 4],
+        /// Asymmetry of the peak and of the rest, Draine's parameter, weight of the rest.
+        pub droplets: [f32; 4],
+        /// The ground's mean albedo.
+        pub ground_albedo: [f32; 4],
+        /// How strongly patches change it.
+        pub ground_tint: [f32; 4],
+        /// Added to positions for the detail, m.
+        pub detail_offset_m: [f32; 4],
+        /// Pixels.
+        pub width: u32,
+        /// Pixels.
+        pub height: u32,
+        /// First row that is drawn.
+        pub first_row: u32,
+        /// Words of a row of the picture.
+        pub row_words: u32,
+        /// Tangent of a pixel's height.
+        pub radians_per_pixel: f32,
+        /// Sine of the horizon's elevation.
+        pub horizon_sine: f32,
+        /// Factor on the exposure.
+        pub exposure_gain: f32,
+        /// How far detail pushes the edge, in cover.
+        pub detail_push: f32,
+        /// Share of the carved cloud; 0 is no detail.
+        pub detail_blend: f32,
+        /// One over the detail tile's edge, 1/m.
+        pub detail_tiles_per_m: f32,
+        /// Octaves after the first.
+        pub octaves: u32,
+        /// Whether there is a cloud.
+        pub cloud: u32,
+        /// Whether the ground shows its shadow.
+        pub shadow: u32,
+        /// Whether the ground is the sea.
+        pub sea: u32,
+        /// Whether haze lies between camera and cloud.
+        pub haze_on_cloud: u32,
+        /// Fills 16 bytes.
+        pub unused_0: u32,
+    }
+}
+
+impl Air {
+    /// From the twin's.
+    pub fn new(air: &Atmosphere) -> Air {
+        Air {
+            surface_altitude_m: air.surface_altitude_m,
+            aerosol_per_m: air.aerosol_per_m,
+            ..Default::default()
+        }
+    }
+}
+
+impl SkyView {
+    /// For a sun and a camera's height in m.
+    pub fn new(sun: [f32; 3], height_m: f32) -> SkyView {
+        SkyView {
+            sun_direction: [sun[0], sun[1], sun[2], 0.0],
+            horizon_sine: horizon_sine(height_m),
+            height_m,
+            ..Default::default()
+        }
+    }
+}
+
+impl SkyLightAsk {
+    /// For a sun, a ground, and the clouds' base and top in m.
+    pub fn new(sun: [f32; 3], ground: Ground, base_top_m: [f32; 2]) -> SkyLightAsk {
+        let [r, g, b] = ground.albedo();
+        SkyLightAsk {
+            sun_direction: [sun[0], sun[1], sun[2], 0.0],
+            ground_albedo: [r, g, b, 0.0],
+            base_m: base_top_m[0],
+            top_m: base_top_m[1],
+            ..Default::default()
+        }
+    }
+}
+
+impl SunMarch {
+    /// For a sun.
+    pub fn new(sun: [f32; 3], carved: bool) -> SunMarch {
+        let [x, y, z] = marched_direction(sun);
+        SunMarch {
+            direction: [x, y, z, 0.0],
+            carved: carved as u32,
+            ..Default::default()
+        }
+    }
+}
+
+impl ShapeGrid {
+    /// Of a slab.
+    pub fn new(slab: &Slab) -> ShapeGrid {
+        let [nx, ny, levels] = slab.cells.map(|n| n as u32);
+        let [px, py, pz] = slab.points().map(|n| n as u32);
+        let [sx, sy, sz] = slab.point_spacing_m();
+        let [per_x, per_y] = slab.per_period();
+        ShapeGrid {
+            points_x: px,
+            points_y: py,
+            points_z: pz,
+            finer: slab.finer as u32,
+            stride_x: px + 2,
+            stride_y: py + 2,
+            cells_x: nx,
+            cells_y: ny,
+            levels,
+            occupancy_row: (nx * ny * levels).div_ceil(4).min(1 << 20),
+            bottom_m: slab.bottom_m,
+            top_m: slab.top_m,
+            point_spacing_x_m: sx,
+            point_spacing_y_m: sy,
+            point_spacing_z_m: sz,
+            amplitude_unit_per_m: slab.amplitude_unit_per_m(),
+            per_period_x: per_x,
+            per_period_y: per_y,
+            cell_size_x_m: slab.cell_size_m[0],
+            cell_size_y_m: slab.cell_size_m[1],
+            cell_size_z_m: slab.cell_size_m[2],
+            ..Default::default()
+        }
+    }
+    /// Cells of the slab.
+    pub fn cells(&self) -> u64 {
+        self.cells_x as u64 * self.cells_y as u64 * self.levels as u64
+    }
+    /// Bytes of the shape's points, and of the light's.
+    pub fn word_bytes(&self) -> u64 {
+        self.stride_x as u64 * self.stride_y as u64 * self.points_z as u64 * 4
+    }
+    /// Bytes of the occupancy.
+    pub fn occupancy_bytes(&self) -> u64 {
+        self.cells().div_ceil(4) * 4
+    }
+    /// Bytes of the shadow map and the share behind it.
+    pub fn shadow_bytes(&self) -> u64 {
+        (self.stride_x as u64 * self.stride_y as u64 + 1) * 4
+    }
+}
+
+/// The stages of light and view, compiled.
+pub struct ViewStages {
+    context: Arc<Context>,
+    transmittance: Kernel,
+    multiple: Kernel,
+    sky: Kernel,
+    light: Kernel,
+    straight: Kernel,
+    slanted: Kernel,
+    neighbours: Kernel,
+    points: Kernel,
+    nearest: [Kernel; 3],
+    sun_points: Kernel,
+    ground_shadow: Kernel,
+    sunlit_share: Kernel,
+    noise: [Kernel; 3],
+    march: Kernel,
+    /// The grid of no cloud.
+    pub no_cloud: wgpu::Buffer,
+}
+
+impl ViewStages {
+    /// Bytes of the transmittance table, `[height][direction]`, four numbers a texel.
+    pub const TRANSMITTANCE_BYTES: u64 = (TRANSMITTANCE_HEIGHTS * TRANSMITTANCE_DIRECTIONS * 16) as u64;
+    /// Bytes of the multiple scattering table, `[height][sun]`, four numbers a texel.
+    pub const MULTIPLE_BYTES: u64 = (MULTIPLE_HEIGHTS * MULTIPLE_SUNS * 16) as u64;
+    /// Bytes of the sky table, `[row][column]`, four numbers a texel.
+    pub const SKY_BYTES: u64 = (2 * SKY_HALF_ROWS * SKY_COLUMNS * 16) as u64;
+    /// Bytes of the detail tile.
+    pub const DETAIL_BYTES: u64 = (TILE_POINTS * TILE_POINTS * TILE_POINTS * 4) as u64;
+
+    /// Compiles all. Errors: `Shader`, and those of memory and loss.
+    pub fn new(context: Arc<Context>) -> Result<ViewStages, GpuError> {
+        use Bind::{Read, Uniform, Write};
+        let c = &context;
+        let visibility = [Uniform, Read, Write, Write];
+        let shape = [Uniform, Read, Write, Write];
+        let occupancy = [Uniform, Read, Write, Write, Write];
+        let sun = [Uniform, Uniform, Read, Read, Read, Read, Write, Write];
+        let noise = [Write, Write, Write];
+        let tables = [Uniform, Uniform, Read, Read, Write];
+        let occupancy_of = |entry| Kernel::new(c, "view/occupancy", entry, &occupancy);
+        let sun_of = |entry| Kernel::new(c, "light/sun_optical_depth", entry, &sun);
+        let noise_of = |entry| Kernel::new(c, "view/detail_noise", entry, &noise);
+        Ok(ViewStages {
+            transmittance: Kernel::new(c, "light/transmittance_table", "transmittance", &[Uniform, Write])?,
+            multiple: Kernel::new(
+                c,
+                "light/multiple_scattering_table",
+                "multiple_scattering",
+                &[Uniform, Read, Write],
+            )?,
+            sky: Kernel::new(c, "light/sky_table", "sky", &tables)?,
+            light: Kernel::new(c, "light/sky_light", "sky_light", &tables)?,
+            straight: Kernel::new(c, "light/sky_visibility", "straight", &visibility)?,
+            slanted: Kernel::new(c, "light/sky_visibility", "slanted", &visibility)?,
+            neighbours: Kernel::new(c, "view/shape", "neighbours", &shape)?,
+            points: Kernel::new(c, "view/shape", "points", &shape)?,
+            nearest: [
+                occupancy_of("nearest_x")?,
+                occupancy_of("nearest_xy")?,
+                occupancy_of("nearest_xyz")?,
+            ],
+            sun_points: sun_of("points")?,
+            ground_shadow: sun_of("ground_shadow")?,
+            sunlit_share: sun_of("sunlit_share")?,
+            noise: [noise_of("values")?, noise_of("spread")?, noise_of("pack")?],
+            march: Kernel::new(
+                c,
+                "view/march",
+                "pixels",
+                &[
+                    Uniform, Uniform, Uniform, Read, Read, Read, Read, Read, Read, Read, Write,
+                ],
+            )?,
+            no_cloud: c.uniform("no cloud", bytemuck::bytes_of(&ShapeGrid::default()))?,
+            context,
+        })
+    }
+
+    fn submit(&self, record: impl FnOnce(&mut wgpu::ComputePass<'_>)) -> Result<(), GpuError> {
+        let mut encoder = self.context.device.create_command_encoder(&Default::default());
+        {
+            let mut pass = encoder.begin_compute_pass(&Default::default());
+            record(&mut pass);
+        }
+        self.context.queue.submit([encoder.finish()]);
+        self.context.check()
+    }
+
+    /// Stage `transmittance_table`. Errors: those of memory and loss, as of all stages.
+    pub fn transmittance_table(&self, air: &wgpu::Buffer, table: &wgpu::Buffer) -> Result<(), GpuError> {
+        let texels = (TRANSMITTANCE_HEIGHTS * TRANSMITTANCE_DIRECTIONS) as u32;
+        self.submit(|pass| {
+            self.transmittance
+                .record(pass, &self.context, &[air, table], [texels.div_ceil(64), 1, 1]);
+        })
+    }
+
+    /// Stage `multiple_scattering_table`.
+    pub fn multiple_scattering_table(
+        &self,
+        air: &wgpu::Buffer,
+        transmittance: &wgpu::Buffer,
+        table: &wgpu::Buffer,
+    ) -> Result<(), GpuError> {
+        let texels = (MULTIPLE_HEIGHTS * MULTIPLE_SUNS) as u32;
+        self.submit(|pass| {
+            self.multiple
+                .record(pass, &self.context, &[air, transmittance, table], [texels, 1, 1]);
+        })
+    }
+
+    /// Stage `sky_table`.
+    pub fn sky_table(
+        &self,
+        air: &wgpu::Buffer,
+        view: &SkyView,
+        transmittance: &wgpu::Buffer,
+        multiple: &wgpu::Buffer,
+        table: &wgpu::Buffer,
+    ) -> Result<(), GpuError> {
+        let texels = (2 * SKY_HALF_ROWS * SKY_COLUMNS) as u32;
+        let view = self.context.uniform("the view of the sky", bytemuck::bytes_of(view))?;
+        self.submit(|pass| {
+            let buffers = [air, &view, transmittance, multiple, table];
+            self.sky
+                .record(pass, &self.context, &buffers, [texels.div_ceil(64), 1, 1]);
+        })
+    }
+
+    /// A buffer for the result of [`ViewStages::sky_light`], which the march binds as a uniform.
+    pub fn sky_light_buffer(&self) -> Result<wgpu::Buffer, GpuError> {
+        use wgpu::BufferUsages as Usage;
+        let usage = Usage::STORAGE | Usage::UNIFORM | Usage::COPY_SRC | Usage::COPY_DST;
+        let bytes = std::mem::size_of::<SkyLightValues>() as u64;
+        self.context.buffer("the light on clouds and ground", bytes, usage)
+    }
+
+    /// Stage `sky_light`.
+    pub fn sky_light(
+        &self,
+        air: &wgpu::Buffer,
+        ask: &SkyLightAsk,
+        transmittance: &wgpu::Buffer,
+        multiple: &wgpu::Buffer,
+        values: &wgpu::Buffer,
+    ) -> Result<(), GpuError> {
+        let ask = self
+            .context
+            .uniform("the sun, ground and heights", bytemuck::bytes_of(ask))?;
+        self.submit(|pass| {
+            let buffers = [air, &ask, transmittance, multiple, values];
+            self.light.record(pass, &self.context, &buffers, [1, 1, 1]);
+        })
+    }
+
+    /// Stage `sky_visibility`. Errors besides: `TooLarge` for more cells along a side than a workgroup can keep.
+    pub fn sky_visibility(
+        &self,
+        slab: &Slab,
+        extinction: &wgpu::Buffer,
+        above: &wgpu::Buffer,
+        below: &wgpu::Buffer,
+    ) -> Result<(), GpuError> {
+        let [nx, ny, levels] = slab.cells;
+        if nx.max(ny) > VISIBILITY_TILE {
+            return Err(GpuError::TooLarge {
+                what: "a line of cells of sky_visibility".to_owned(),
+                needed: nx.max(ny) as u64 * 16,
+                allowed: VISIBILITY_TILE as u64 * 16,
+            });
+        }
+        let sweep = VisibilitySweep {
+            cells_x: nx as u32,
+            cells_y: ny as u32,
+            levels: levels as u32,
+            lines_per_tile: 1,
+            path_m: slab.cell_size_m[2],
+            scale: 1.0,
+            ..Default::default()
+        };
+        let uniform = |sweep: &VisibilitySweep| self.context.uniform("a sweep", bytemuck::bytes_of(sweep));
+        let straight = uniform(&sweep)?;
+        let slanted = |axis: usize| {
+            let (path_m, reach) = slanted_path(slab.cell_size_m, axis);
+            // One cell an invocation where lines are short; eight columns beside each other are read at once.
+            let lines = (256 / slab.cells[axis]).max(8).min(VISIBILITY_TILE / slab.cells[axis]);
+            let sweep = VisibilitySweep {
+                axis: axis as u32,
+                lines_per_tile: lines as u32,
+                path_m,
+                reach,
+                // The second of the two ends the mean over five directions.
+                scale: if axis == 0 { 1.0 } else { 0.2 },
+                ..sweep
+            };
+            let tiles = slab.cells[1 - axis].div_ceil(lines) as u32;
+            uniform(&sweep).map(|buffer| (buffer, tiles))
+        };
+        let (along_x, tiles_x) = slanted(0)?;
+        let (along_y, tiles_y) = slanted(1)?;
+        let c = &self.context;
+        self.submit(|pass| {
+            let groups = ((nx * ny) as u32).div_ceil(64);
+            self.straight
+                .record(pass, c, &[&straight, extinction, above, below], [groups, 2, 1]);
+            self.slanted
+                .record(pass, c, &[&along_x, extinction, above, below], [tiles_x, 2, 1]);
+            self.slanted
+                .record(pass, c, &[&along_y, extinction, above, below], [tiles_y, 2, 1]);
+        })
+    }
+
+    /// Stage `shape`.
+    pub fn shape(
+        &self,
+        grid: &ShapeGrid,
+        uniform: &wgpu::Buffer,
+        extinction: &wgpu::Buffer,
+        largest: &wgpu::Buffer,
+        words: &wgpu::Buffer,
+    ) -> Result<(), GpuError> {
+        let cells = [grid.cells_x, grid.cells_y, grid.levels];
+        let groups = |size: [u32; 3]| [0, 1, 2].map(|a| cells[a].div_ceil(size[a]));
+        self.submit(|pass| {
+            let buffers = [uniform, extinction, largest, words];
+            self.neighbours
+                .record(pass, &self.context, &buffers, groups([32, 2, 2]));
+            self.points.record(pass, &self.context, &buffers, groups([16, 4, 4]));
+        })
+    }
+
+    /// Stage `occupancy`; `along` are its squared distances along x, and along x and y.
+    pub fn occupancy(
+        &self,
+        grid: &ShapeGrid,
+        uniform: &wgpu::Buffer,
+        largest: &wgpu::Buffer,
+        along: [&wgpu::Buffer; 2],
+        words: &wgpu::Buffer,
+    ) -> Result<(), GpuError> {
+        let row = grid.occupancy_row;
+        let rows = (grid.cells().div_ceil(4) as u32).div_ceil(row);
+        let cells = [grid.cells_x.div_ceil(64), grid.cells_y, grid.levels];
+        self.submit(|pass| {
+            let buffers = [uniform, largest, along[0], along[1], words];
+            for (kernel, groups) in self.nearest.iter().zip([cells, cells, [row.div_ceil(64), rows, 1]]) {
+                kernel.record(pass, &self.context, &buffers, groups);
+            }
+        })
+    }
+
+    /// Stage `sun_optical_depth`; `cloud` is the shape, the occupancy, and the visibility of sky and of ground.
+    pub fn sun_optical_depth(
+        &self,
+        grid: &ShapeGrid,
+        uniform: &wgpu::Buffer,
+        march: &SunMarch,
+        cloud: [&wgpu::Buffer; 4],
+        words: &wgpu::Buffer,
+        shadow: &wgpu::Buffer,
+    ) -> Result<(), GpuError> {
+        let march = self.context.uniform("the sun", bytemuck::bytes_of(march))?;
+        let [shape, occupancy, above, below] = cloud;
+        let flat = [grid.stride_x.div_ceil(32), grid.stride_y.div_ceil(2), 1];
+        self.submit(|pass| {
+            let buffers = [uniform, &march, shape, occupancy, above, below, words, shadow];
+            let c = &self.context;
+            self.sun_points
+                .record(pass, c, &buffers, [flat[0], flat[1], grid.points_z.div_ceil(2)]);
+            self.ground_shadow.record(pass, c, &buffers, flat);
+            self.sunlit_share.record(pass, c, &buffers, [1, 1, 1]);
+        })
+    }
+
+    /// Stage `detail_noise`.
+    pub fn detail_noise(&self, words: &wgpu::Buffer) -> Result<(), GpuError> {
+        let points = (TILE_POINTS * TILE_POINTS * TILE_POINTS) as u32;
+        let groups = points / 256;
+        let values = self.context.storage("the billows", points as u64 * 8)?;
+        let sums = self.context.storage("the billows' sums", groups as u64 * 16)?;
+        self.submit(|pass| {
+            for (kernel, groups) in self.noise.iter().zip([groups, 1, groups]) {
+                kernel.record(pass, &self.context, &[&values, &sums, words], [groups, 1, 1]);
+            }
+        })
+    }
+
+    /// Binds the buffers of `view/march` in its order.
+    pub fn bind_march(&self, buffers: &[&wgpu::Buffer; 11]) -> wgpu::BindGroup {
+        self.march.bind(&self.context, buffers)
+    }
+
+    /// Stage `march`: so many rows from the frame's first row on.
+    pub fn march(&self, bound: &wgpu::BindGroup, width: usize, rows: usize) -> Result<(), GpuError> {
+        let groups = [(width as u32).div_ceil(8), (rows as u32).div_ceil(8), 1];
+        self.submit(|pass| self.march.dispatch(pass, bound, groups))
+    }
+}

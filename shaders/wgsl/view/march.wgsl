@@ -1,0 +1,263 @@
+//! use shared/atmosphere
+//! use shared/phase
+//! use shared/air_transmittance
+//! use shared/shape
+//! use shared/detail
+//! use shared/sky_look
+//! use view/haze
+//! use view/ground
+//! use view/tone_map
+// Stage `march`: a ray of view an invocation, through sky, cloud and to the ground. The twin is cpu/view/march.rs, which
+// marches sixteen rays abreast; what a ray does there depends on that ray alone, so both take the same samples.
+//
+// A workgroup draws 8 x 8 pixels and packs their bytes: rows of the picture are filled up to whole words.
+
+@group(0) @binding(0) var<uniform> frame: ViewFrame;
+@group(0) @binding(1) var<uniform> light: SkyLightValues;
+@group(0) @binding(2) var<uniform> shape: ShapeGrid;
+@group(0) @binding(3) var<storage, read> transmittance_table: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> sky_table: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> shape_words: array<u32>;
+@group(0) @binding(6) var<storage, read> occupancy_words: array<u32>;
+@group(0) @binding(7) var<storage, read> light_words: array<u32>;
+@group(0) @binding(8) var<storage, read> shadow: array<f32>;
+@group(0) @binding(9) var<storage, read> detail_words: array<u32>;
+@group(0) @binding(10) var<storage, read_write> picture: array<u32>;
+
+const LOG2_E = 1.44269504088896;
+const NEVER = 3.4e38;
+
+/// What a ray met in the cloud.
+struct Met {
+    light: vec3<f32>,
+    through: f32,
+    distance_m: f32,
+}
+
+/// Length of a step in cloud at a distance, m.
+fn step_m(t: f32) -> f32 {
+    return clamp(t * MARCH_STEP_GROWTH, MARCH_STEP_LEAST_M, MARCH_STEP_MOST_M);
+}
+
+/// What is under the root, then the smaller and the larger root of `curve t^2 + rise t + gap = 0`.
+fn roots(rise: f32, curve: f32, gap: f32) -> vec3<f32> {
+    let under = rise * rise - curve * (4.0 * gap);
+    let root = sqrt(max(under, 0.0));
+    let q = select(-root - rise, root - rise, rise < 0.0) * 0.5;
+    let a = q / max(curve, 1e-12);
+    let b = gap / select(q, 1e-6, q * q < 1e-12);
+    return vec3<f32>(under, min(a, b), max(a, b));
+}
+
+/// First and last distance at which a ray is between the cloud's heights; in between it may leave them for a while.
+fn slab(from_m: f32, rise: f32, curve: f32) -> vec2<f32> {
+    let top = roots(rise, curve, from_m - shape.top_m);
+    let bottom = roots(rise, curve, from_m - shape.bottom_m);
+    if (from_m > shape.top_m) {
+        return vec2<f32>(select(NEVER, top.y, top.x > 0.0 && top.y > 0.0), select(0.0, top.z, top.x > 0.0));
+    }
+    if (from_m < shape.bottom_m) {
+        return vec2<f32>(select(0.0, max(bottom.z, 0.0), bottom.x > 0.0), top.z);
+    }
+    return vec2<f32>(0.0, top.z);
+}
+
+/// Extinction with detail, 1/m, `t` from the camera; `near` looks the small billows up a second time.
+fn extinction(p: vec3<f32>, t: f32, near: bool) -> f32 {
+    let s = shape_sample(p);
+    let plain = s.y * s.x;
+    if (frame.detail_blend == 0.0) {
+        return plain;
+    }
+    let q = (p + frame.detail_offset_m.xyz) * frame.detail_tiles_per_m;
+    let noise = detail_look(q) - 0.5;
+    let far = clamp(t / DETAIL_SMALL_REACH_M, 0.0, 1.0);
+    var push = noise.x + noise.y * DETAIL_SMALL * (1.0 - far);
+    if (near) {
+        let finer = detail_look(q.yzx * DETAIL_FINER) - 0.5;
+        push += (finer.x * DETAIL_FINE + finer.y * DETAIL_FINEST) * clamp(1.0 - t / NEAR_DETAIL_M, 0.0, 1.0);
+    }
+    let held = clamp(s.x * DETAIL_HELD, 0.0, 1.0);
+    let level = s.x + push * frame.detail_push * held - CARVE_EDGE;
+    return mix(plain, s.y * smooth_ramp(level / CARVE_RAMP), frame.detail_blend);
+}
+
+fn march(d: vec3<f32>, curve: f32, ground_at: f32, turn: f32, pattern: f32) -> Met {
+    var met = Met(vec3<f32>(0.0), 1.0, 0.0);
+    let o = frame.position_m.xyz;
+    let reach = slab(o.z, d.z, curve);
+    let end = min(min(reach.y, ground_at), DRAW_DISTANCE_M);
+    if (reach.x >= end) {
+        return met;
+    }
+    var phases: array<f32, OCTAVES_MAX + 1u>;
+    var weight = 1.0;
+    var eccentricity = 1.0;
+    for (var octave = 0u; octave <= OCTAVES_MAX; octave++) {
+        phases[octave] = select(0.0, droplets_phase(frame.droplets, eccentricity, turn) * weight, octave <= frame.octaves);
+        weight *= OCTAVE_CONTRIBUTION;
+        eccentricity *= OCTAVE_ECCENTRICITY;
+    }
+    let slowest = -LOG2_E / f32(1u << OCTAVES_MAX);
+    let sun = frame.marched_sun.xyz;
+    let covered = FINE_FIRST_LENGTH_M + FINE_SECOND_LENGTH_M;
+
+    var through = 1.0;
+    var sun_base = 0.0;
+    var sun_rise = 0.0;
+    var from_sky = 0.0;
+    var from_ground = 0.0;
+    var distance = 0.0;
+    var weights = 0.0;
+    var t = reach.x + pattern * step_m(reach.x);
+    for (var n = 0u; n < MARCH_STEPS_MAX; n++) {
+        if (t >= end || through <= MARCH_THROUGH_END) {
+            break;
+        }
+        let p = vec3<f32>(d.xy * t + o.xy, t * (d.z + curve * t) + o.z);
+        let empty = empty_distance_m(p);
+        let step = step_m(t);
+        if (empty > 0.0) {
+            t += max(step, empty);
+            continue;
+        }
+        let thick = extinction(p, t, t < NEAR_DETAIL_M);
+        if (thick > 0.0) {
+            var depth = 0.0;
+            // Finer steps matter while the ray is near and not yet dimmed; both fade.
+            let fade = clamp((FINE_REACH_M - t) / FINE_FADE_M, 0.0, 1.0)
+                * clamp((through - FINE_DIMMED) / FINE_DIMMED, 0.0, 1.0);
+            if (fade > 0.0) {
+                depth = fade * (extinction(p + sun * FINE_FIRST_M, t, false) * FINE_FIRST_LENGTH_M
+                    + extinction(p + sun * FINE_SECOND_M, t, false) * FINE_SECOND_LENGTH_M);
+            }
+            let place = shape_place(p + sun * (fade * covered));
+            let row = shape.stride_x;
+            let i = place.index;
+            let j = i + row * shape.stride_y;
+            let low = vec4<u32>(light_words[i], light_words[i + 1u], light_words[i + row], light_words[i + row + 1u]);
+            let high = vec4<u32>(light_words[j], light_words[j + 1u], light_words[j + row], light_words[j + row + 1u]);
+            let deep = vec4<u32>(0xffffu);
+            let byte = vec4<u32>(0xffu);
+            depth += DEPTH_UNIT * trilinear(vec4<f32>(low & deep), vec4<f32>(high & deep), place.fraction);
+            let sky_seen = trilinear(vec4<f32>((low >> vec4<u32>(16u)) & byte), vec4<f32>((high >> vec4<u32>(16u)) & byte), place.fraction);
+            let ground_seen = trilinear(vec4<f32>(low >> vec4<u32>(24u)), vec4<f32>(high >> vec4<u32>(24u)), place.fraction);
+            // The last octave's transmittance; squaring gives the one before.
+            var passed = exp2(depth * slowest);
+            var scattered = 0.0;
+            for (var octave = i32(OCTAVES_MAX); octave >= 0; octave--) {
+                scattered += phases[octave] * passed;
+                passed *= passed;
+            }
+            let kept = exp2(thick * step * -LOG2_E);
+            let share = through * (1.0 - kept);
+            let height = clamp((p.z - shape.bottom_m) / (shape.top_m - shape.bottom_m), 0.0, 1.0);
+            sun_base += share * scattered;
+            sun_rise += share * scattered * height;
+            from_sky += share * sky_seen;
+            from_ground += share * ground_seen;
+            distance += share * t;
+            weights += share;
+            through *= kept;
+        }
+        t += step;
+    }
+    met.light = sun_base * light.sun_at_base.rgb
+        + sun_rise * (light.sun_at_top.rgb - light.sun_at_base.rgb)
+        + from_sky * (0.5 / 255.0) * light.sky_radiance.rgb
+        + from_ground * (0.5 / 255.0) * light.ground_radiance.rgb
+            * (1.0 - COVERED_GROUND + COVERED_GROUND * sunlit_share());
+    met.through = clamp((through - MARCH_THROUGH_END) / (1.0 - MARCH_THROUGH_END), 0.0, 1.0);
+    met.distance_m = distance / max(weights, 1e-6);
+    return met;
+}
+
+/// Bytes as floats of the pixel whose centre is at `pixel`.
+fn draw(pixel: vec2<f32>) -> vec3<f32> {
+    let size = vec2<f32>(f32(frame.width), f32(frame.height));
+    let scale = frame.radians_per_pixel;
+    let s = (pixel - 0.5 * size) * vec2<f32>(scale, -scale);
+    let d = normalize(s.x * frame.right.xyz + s.y * frame.up.xyz + frame.ahead.xyz);
+    let o = frame.position_m.xyz;
+    // Height along the ray: o.z + d.z t + curve t^2.
+    let curve = (1.0 - d.z * d.z) * (0.5 / EARTH_RADIUS_M);
+    let under_root = d.z * d.z - curve * (4.0 * o.z);
+    let down = d.z < 0.0 && under_root >= 0.0;
+    var end = SKY_DISTANCE_M;
+    if (down) {
+        end = min(2.0 * o.z / max(sqrt(max(under_root, 0.0)) - d.z, 1e-9), SKY_DISTANCE_M);
+    }
+
+    // The table's lower half holds no ground: a ray that just misses the ground must not look there.
+    let looked = select(max(d.z, frame.horizon_sine + 2e-4), d.z, down);
+    let sky = sky_look(vec3<f32>(d.xy, looked));
+    let whole = haze_transmittance(end, d.z);
+    var seen = sky;
+    let turn = dot(d, frame.sun_direction.xyz);
+    if (down) {
+        var land = ground_radiance(d.xy * end + o.xy, end);
+        if (frame.sea != 0u) {
+            land = mix(land, sky_look(mirrored(d)), mirror_share(d.z));
+        }
+        seen += land * whole;
+    } else {
+        // The chord to the sun's centre is its angle for small angles.
+        let angle = sqrt(max((1.0 - turn) * 2.0, 0.0));
+        let blur = scale * SUN_EDGE_PIXELS;
+        let disc = clamp((SUN_ANGULAR_RADIUS + blur * 0.5 - angle) / blur, 0.0, 1.0);
+        if (disc > 0.0) {
+            let radiance = disc / (PI * SUN_ANGULAR_RADIUS * SUN_ANGULAR_RADIUS);
+            seen += radiance * transmittance_of_sun(o.z, frame.sun_direction.z);
+        }
+    }
+    // Interleaved gradient noise, for the march's start and against bands.
+    let pattern = fract(fract(pixel.x * PATTERN_X + pixel.y * PATTERN_Y) * PATTERN_SCALE);
+    if (frame.cloud != 0u) {
+        let met = march(d, curve, end, turn, pattern);
+        if (met.through < 1.0) {
+            let far = smooth_ramp((met.distance_m - DRAW_FADES_FROM_M) / (DRAW_DISTANCE_M - DRAW_FADES_FROM_M));
+            var passed = vec3<f32>(1.0);
+            var added = vec3<f32>(0.0);
+            if (frame.haze_on_cloud != 0u) {
+                passed = haze_transmittance(met.distance_m, d.z);
+                added = sky * min((1.0 - passed) / max(1.0 - whole, vec3<f32>(1e-6)), vec3<f32>(1.0));
+            }
+            let covered = (1.0 - met.through) * added + met.light * passed + seen * met.through;
+            seen = mix(seen, covered, 1.0 - far);
+        }
+    }
+    let received = luminance_of(light.sun_at_ground.rgb) * max(frame.sun_direction.z, 0.0)
+        + luminance_of(light.sky_irradiance.rgb);
+    return tone_map(seen, exposure(received, frame.exposure_gain), pattern);
+}
+
+var<workgroup> tile: array<u32, 64>;
+
+@compute @workgroup_size(8, 8)
+fn pixels(
+    @builtin(global_invocation_id) id: vec3<u32>,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let y = id.y + frame.first_row;
+    if (id.x < frame.width && y < frame.height) {
+        let c = vec3<u32>(draw(vec2<f32>(f32(id.x), f32(y)) + 0.5));
+        tile[thread] = c.r | (c.g << 8u) | (c.b << 16u);
+    } else {
+        tile[thread] = 0u;
+    }
+    workgroupBarrier();
+    // Eight pixels make six words.
+    if (thread < 48u) {
+        let row = thread / 6u;
+        let word = thread % 6u;
+        let column = group.x * 6u + word;
+        let line = group.y * 8u + row + frame.first_row;
+        if (line < frame.height && column < frame.row_words) {
+            // Word w holds bytes 4 w to 4 w + 3: the end of pixel 4 w / 3 and the start of the next.
+            let first = row * 8u + word * 4u / 3u;
+            let skipped = word % 3u * 8u;
+            picture[line * frame.row_words + column] = (tile[first] >> skipped) | (tile[first + 1u] << (24u - skipped));
+        }
+    }
+}
