@@ -50,27 +50,30 @@ impl Plan {
         let has = |e: &Effect| effects.contains(e);
         let wanted = |pass: &Pass| {
             let info = pass.info();
-            let chosen = info.rungs.is_empty() || chosen.choices.iter().any(|c| info.rungs.contains(&c.rung));
-            chosen && info.needs.iter().all(has) && !info.unless.as_ref().is_some_and(has)
+            // Of each ladder that the pass names, one of the named rungs.
+            let on = |ladder| {
+                chosen
+                    .choices
+                    .iter()
+                    .any(|c| c.rung.info().ladder == ladder && info.rungs.contains(&c.rung))
+            };
+            info.rungs.iter().all(|r| on(r.info().ladder))
+                && info.needs.iter().all(has)
+                && !info.unless.as_ref().is_some_and(has)
         };
         let slow = Pass::SlowClear.info().writes;
         let mut passes: Vec<Pass> = Pass::ALL.iter().copied().filter(wanted).collect();
-        // Clearing held tendencies is work for those that add to them; with none of them there is nothing to hold.
+        // Clearing and adding held tendencies is work for those that make them; with none of them there is nothing to hold.
         let holds = passes
             .iter()
-            .any(|p| *p != Pass::SlowClear && p.info().writes.iter().any(|f| slow.contains(f)));
-        passes.retain(|p| *p != Pass::SlowClear || holds);
+            .any(|p| !p.serves_held_tendencies() && p.info().writes.iter().any(|f| slow.contains(f)));
+        passes.retain(|p| !p.serves_held_tendencies() || holds);
         let fields = Field::ALL
             .iter()
             .copied()
             .filter(|f| has(&f.effect()))
-            .filter(|f| {
-                let touched = |p: &Pass| {
-                    let info = p.info();
-                    info.writes.contains(f) || (f.is_start() && info.reads.contains(f))
-                };
-                f.is_state() || passes.iter().any(touched)
-            })
+            // The start is kept whatever carries: a tick can be taken back to it.
+            .filter(|f| f.is_state() || f.is_start() || passes.iter().any(|p| p.info().writes.contains(f)))
             .collect();
         Ok(Self {
             effects,

@@ -77,6 +77,30 @@ fields! {
     NextHeat "liquid_water_potential_temperature_excess_next" Centre "K";
     /// `Water` after the stage.
     NextWater "total_water_next" Centre "kg/kg";
+    /// `VelocityX` at centres, for trajectories.
+    CentreVelocityX "velocity_x_at_centre" Centre "m/s";
+    /// `VelocityY` at centres.
+    CentreVelocityY "velocity_y_at_centre" Centre "m/s";
+    /// `VelocityZ` at centres.
+    CentreVelocityZ "velocity_z_at_centre" Centre "m/s";
+    /// How far west the air was a substep ago, in cells.
+    DepartureX "departure_displacement_x" Centre "1";
+    /// How far south it was.
+    DepartureY "departure_displacement_y" Centre "1";
+    /// How far below it was.
+    DepartureZ "departure_displacement_z" Centre "1";
+    /// How far west the air will be a substep ahead, in cells: negative where it goes east.
+    ArrivalX "arrival_displacement_x" Centre "1";
+    /// How far south it will be.
+    ArrivalY "arrival_displacement_y" Centre "1";
+    /// How far below it will be.
+    ArrivalZ "arrival_displacement_z" Centre "1";
+    /// What is being carried, after the way there and before the way back; in its own place and unit.
+    Forward "forward_result" Centre "its own";
+    /// The least that what is being carried may become.
+    ForwardLow "forward_result_low" Centre "its own";
+    /// The most that it may become.
+    ForwardHigh "forward_result_high" Centre "its own";
     /// Tendency of `VelocityX` that is held over a substep.
     SlowVelocityX "velocity_x_slow_tendency" XFace "m/s2";
     /// Tendency of `VelocityY` that is held over a substep.
@@ -321,13 +345,13 @@ const SEMI_LAGRANGIAN: Option<Advance> = Some(Advance {
 rungs! {
     SemiLagrangianLinear Advection "semi_lagrangian_linear" NO_SHADER, SEMI_LAGRANGIAN,
         "looks back along the wind, interpolates linearly"
-        keeps "extrema; not sums, and it smears what is a few cells wide";
+        keeps "extrema, and total water by a fixer; not heat, and it smears what is a few cells wide";
     MacCormack Advection "mac_cormack" NO_SHADER, SEMI_LAGRANGIAN,
         "semi-Lagrangian there and back, corrected by half the difference, limited"
-        keeps "extrema; not sums";
+        keeps "extrema, and total water by a fixer; not heat";
     SemiLagrangianCubic Advection "semi_lagrangian_cubic" NO_SHADER, SEMI_LAGRANGIAN,
         "looks back along the wind, interpolates by cubics, limited"
-        keeps "extrema; not sums";
+        keeps "extrema, and total water by a fixer; not heat";
     FluxForm Advection "flux_form" Devices::Both, Some(Advance { courant_max: 1.4, stages: 3 }),
         "fluxes through faces, fifth order and WENO5, three-stage Runge-Kutta"
         keeps "mass-weighted sums of heat and water to rounding; extrema nearly";
@@ -358,6 +382,13 @@ rungs! {
     SaturationAdjustment Microphysics "saturation_adjustment" Devices::Both, None,
         "what is above saturation is cloud"
         keeps "water and energy";
+}
+
+impl Pass {
+    /// Whether it is there only for passes that hold tendencies over a substep, and is left out with them.
+    pub fn serves_held_tendencies(self) -> bool {
+        matches!(self, Pass::SlowClear | Pass::AddTendencies)
+    }
 }
 
 impl Rung {
@@ -401,7 +432,7 @@ pub struct PassInfo {
     pub needs: &'static [Effect],
     /// An effect that must be absent: with it another pass does the same work and more.
     pub unless: Option<Effect>,
-    /// The rungs it belongs to, one of which must be chosen; none: it runs whatever is chosen.
+    /// The rungs it belongs to: of each ladder that is named here, one of the named rungs must be chosen.
     pub rungs: &'static [Rung],
     /// Fields it reads; those that the plan doesn't allocate are skipped.
     pub reads: &'static [Field],
@@ -463,6 +494,8 @@ passes! {
         reads [] writes [SlowVelocityX, SlowVelocityY, SlowVelocityZ, SlowHeat, SlowWater] within SAME "sets the tendencies that are held over a substep to 0";
     StepSaturation "saturation_adjustment:step" Step needs [Turbulence, Moisture] unless None, rungs [SmagorinskyLilly],
         reads [Heat, Water] writes [Buoyancy, CloudWater] within POWERS "cloud water and buoyancy for the eddy viscosity's stability";
+    StartSaturation "saturation_adjustment:start" Step needs [Moisture] unless Some(Effect::Turbulence), rungs [SaturationAdjustment, SemiLagrangianLinear, MacCormack, SemiLagrangianCubic],
+        reads [Heat, Water] writes [Buoyancy, CloudWater] within POWERS "cloud water of the substep's start, for what cloudy air loses as it rises";
     StepDryBuoyancy "dry_buoyancy:step" Step needs [Turbulence, Heat] unless Some(Effect::Moisture), rungs [SmagorinskyLilly],
         reads [Heat] writes [Buoyancy] within SAME "buoyancy for the eddy viscosity's stability";
     EddyViscosity "eddy_viscosity" Step needs [Turbulence] unless None, rungs [SmagorinskyLilly],
@@ -493,9 +526,11 @@ passes! {
         reads [VelocityX, VelocityY] writes [SlowVelocityX, SlowVelocityY] within SAME "subsidence of momentum";
     Sponge "sponge" Step needs [Sponge] unless None,
         reads [VelocityX, VelocityY, VelocityZ, Heat] writes [SlowVelocityX, SlowVelocityY, SlowVelocityZ, SlowHeat] within SAME "damps waves under the lid";
-    Saturation "saturation_adjustment" Stage needs [Moisture] unless None, rungs [SaturationAdjustment],
+    AddTendencies "add_tendencies" Step needs [Flow] unless None, rungs [SemiLagrangianLinear, MacCormack, SemiLagrangianCubic],
+        reads [VelocityX, VelocityY, VelocityZ, Heat, Water] writes [SlowVelocityX, SlowVelocityY, SlowVelocityZ, SlowHeat, SlowWater] within SAME "adds the held tendencies to the state, to be carried together";
+    Saturation "saturation_adjustment" Stage needs [Moisture] unless None, rungs [SaturationAdjustment, FluxForm],
         reads [Heat, Water] writes [Buoyancy, CloudWater] within POWERS "condenses what is above saturation; buoyancy from virtual potential temperature with loading";
-    DryBuoyancy "dry_buoyancy" Stage needs [Heat] unless Some(Effect::Moisture),
+    DryBuoyancy "dry_buoyancy" Stage needs [Heat] unless Some(Effect::Moisture), rungs [FluxForm],
         reads [Heat] writes [Buoyancy] within SAME "buoyancy from potential temperature";
     AdvectHeat "advect_scalar:heat" Stage needs [Heat] unless None, rungs [FluxForm],
         reads [VelocityX, VelocityY, VelocityZ, Heat, StartHeat, SlowHeat] writes [NextHeat] within WENO "carries heat, flux form, WENO5";
@@ -504,8 +539,50 @@ passes! {
     AdvectMomentum "advect_momentum" Stage needs [Flow] unless None, rungs [FluxForm],
         reads [VelocityX, VelocityY, VelocityZ, StartVelocityX, StartVelocityY, StartVelocityZ, SlowVelocityX, SlowVelocityY, SlowVelocityZ, Buoyancy]
         writes [NextVelocityX, NextVelocityY, NextVelocityZ] within DIFFERENCES "carries momentum, flux form, fifth-order upwind, and adds buoyancy";
+    CentreWind "centre_wind" Stage needs [Flow] unless None, rungs [SemiLagrangianLinear, MacCormack, SemiLagrangianCubic],
+        reads [VelocityX, VelocityY, VelocityZ] writes [CentreVelocityX, CentreVelocityY, CentreVelocityZ] within SAME "the wind at centres, for trajectories";
+    Departure "departure" Stage needs [Flow] unless None, rungs [SemiLagrangianLinear, MacCormack, SemiLagrangianCubic],
+        reads [CentreVelocityX, CentreVelocityY, CentreVelocityZ] writes [DepartureX, DepartureY, DepartureZ] within DIFFERENCES "where the air came from";
+    Arrival "departure:ahead" Stage needs [Flow] unless None, rungs [MacCormack],
+        reads [CentreVelocityX, CentreVelocityY, CentreVelocityZ] writes [ArrivalX, ArrivalY, ArrivalZ] within DIFFERENCES "where the air will go";
+    LinearHeat "semi_lagrangian_linear:heat" Stage needs [Heat] unless None, rungs [SemiLagrangianLinear],
+        reads [Heat, SlowHeat, DepartureX, DepartureY, DepartureZ] writes [NextHeat] within DIFFERENCES "carries heat, linear interpolation";
+    MacCormackHeat "mac_cormack:heat" Stage needs [Heat] unless None, rungs [MacCormack],
+        reads [Heat, SlowHeat, DepartureX, DepartureY, DepartureZ, ArrivalX, ArrivalY, ArrivalZ] writes [Forward, ForwardLow, ForwardHigh, NextHeat] within DIFFERENCES "carries heat, there and back";
+    CubicHeat "semi_lagrangian_cubic:heat" Stage needs [Heat] unless None, rungs [SemiLagrangianCubic],
+        reads [Heat, SlowHeat, DepartureX, DepartureY, DepartureZ] writes [NextHeat] within DIFFERENCES "carries heat, cubic interpolation";
+    LinearWater "semi_lagrangian_linear:water" Stage needs [Moisture] unless None, rungs [SemiLagrangianLinear],
+        reads [Water, SlowWater, DepartureX, DepartureY, DepartureZ] writes [NextWater] within DIFFERENCES "carries water, linear interpolation";
+    MacCormackWater "mac_cormack:water" Stage needs [Moisture] unless None, rungs [MacCormack],
+        reads [Water, SlowWater, DepartureX, DepartureY, DepartureZ, ArrivalX, ArrivalY, ArrivalZ] writes [Forward, ForwardLow, ForwardHigh, NextWater] within DIFFERENCES "carries water, there and back";
+    CubicWater "semi_lagrangian_cubic:water" Stage needs [Moisture] unless None, rungs [SemiLagrangianCubic],
+        reads [Water, SlowWater, DepartureX, DepartureY, DepartureZ] writes [NextWater] within DIFFERENCES "carries water, cubic interpolation";
+    FixWater "mass_fixer:water" Stage needs [Moisture] unless None, rungs [SemiLagrangianLinear, MacCormack, SemiLagrangianCubic],
+        reads [Water, SlowWater] writes [NextWater] within DIFFERENCES "gives total water its sum again, in proportion to what is there";
     CloudyAscent "cloudy_ascent" Stage needs [Moisture] unless None, rungs [SaturationAdjustment],
         reads [VelocityZ, CloudWater] writes [NextHeat] within SAME "what liquid-water potential temperature loses as cloudy air rises; after it has been carried";
+    SaturationNext "saturation_adjustment:next" Stage needs [Moisture] unless None, rungs [SaturationAdjustment, SemiLagrangianLinear, MacCormack, SemiLagrangianCubic],
+        reads [NextHeat, NextWater] writes [Buoyancy, CloudWater] within POWERS "condenses what is above saturation at the substep's end, for the buoyancy";
+    DryBuoyancyNext "dry_buoyancy:next" Stage needs [Heat] unless Some(Effect::Moisture), rungs [SemiLagrangianLinear, MacCormack, SemiLagrangianCubic],
+        reads [NextHeat] writes [Buoyancy] within SAME "buoyancy from potential temperature at the substep's end";
+    LinearVelocityX "semi_lagrangian_linear:velocity_x" Stage needs [Flow] unless None, rungs [SemiLagrangianLinear],
+        reads [VelocityX, SlowVelocityX, DepartureX, DepartureY, DepartureZ] writes [NextVelocityX] within DIFFERENCES "carries velocity x, linear interpolation";
+    MacCormackVelocityX "mac_cormack:velocity_x" Stage needs [Flow] unless None, rungs [MacCormack],
+        reads [VelocityX, SlowVelocityX, DepartureX, DepartureY, DepartureZ, ArrivalX, ArrivalY, ArrivalZ] writes [Forward, ForwardLow, ForwardHigh, NextVelocityX] within DIFFERENCES "carries velocity x, there and back";
+    CubicVelocityX "semi_lagrangian_cubic:velocity_x" Stage needs [Flow] unless None, rungs [SemiLagrangianCubic],
+        reads [VelocityX, SlowVelocityX, DepartureX, DepartureY, DepartureZ] writes [NextVelocityX] within DIFFERENCES "carries velocity x, cubic interpolation";
+    LinearVelocityY "semi_lagrangian_linear:velocity_y" Stage needs [Flow] unless None, rungs [SemiLagrangianLinear],
+        reads [VelocityY, SlowVelocityY, DepartureX, DepartureY, DepartureZ] writes [NextVelocityY] within DIFFERENCES "carries velocity y, linear interpolation";
+    MacCormackVelocityY "mac_cormack:velocity_y" Stage needs [Flow] unless None, rungs [MacCormack],
+        reads [VelocityY, SlowVelocityY, DepartureX, DepartureY, DepartureZ, ArrivalX, ArrivalY, ArrivalZ] writes [Forward, ForwardLow, ForwardHigh, NextVelocityY] within DIFFERENCES "carries velocity y, there and back";
+    CubicVelocityY "semi_lagrangian_cubic:velocity_y" Stage needs [Flow] unless None, rungs [SemiLagrangianCubic],
+        reads [VelocityY, SlowVelocityY, DepartureX, DepartureY, DepartureZ] writes [NextVelocityY] within DIFFERENCES "carries velocity y, cubic interpolation";
+    LinearVelocityZ "semi_lagrangian_linear:velocity_z" Stage needs [Flow] unless None, rungs [SemiLagrangianLinear],
+        reads [VelocityZ, SlowVelocityZ, DepartureX, DepartureY, DepartureZ, Buoyancy] writes [NextVelocityZ] within DIFFERENCES "carries velocity z, linear interpolation";
+    MacCormackVelocityZ "mac_cormack:velocity_z" Stage needs [Flow] unless None, rungs [MacCormack],
+        reads [VelocityZ, SlowVelocityZ, DepartureX, DepartureY, DepartureZ, ArrivalX, ArrivalY, ArrivalZ, Buoyancy] writes [Forward, ForwardLow, ForwardHigh, NextVelocityZ] within DIFFERENCES "carries velocity z, there and back";
+    CubicVelocityZ "semi_lagrangian_cubic:velocity_z" Stage needs [Flow] unless None, rungs [SemiLagrangianCubic],
+        reads [VelocityZ, SlowVelocityZ, DepartureX, DepartureY, DepartureZ, Buoyancy] writes [NextVelocityZ] within DIFFERENCES "carries velocity z, cubic interpolation";
     PressureSolve "pressure_solve" Stage needs [Flow] unless None, rungs [Direct],
         reads [NextVelocityX, NextVelocityY, NextVelocityZ] writes [Pressure] within SPECTRAL "the pressure that frees the mass flux of divergence: FFT in x, y and tridiagonal in z";
     PressureJacobi "pressure_jacobi" Stage needs [Flow] unless None, rungs [Jacobi],
@@ -534,7 +611,7 @@ impl Pass {
             self,
             Pass::PressureJacobi | Pass::PressureRedBlackSor | Pass::PressureMultigrid
         );
-        adds || starts_from_last || matches!(self, Pass::Project | Pass::CloudyAscent)
+        adds || starts_from_last || matches!(self, Pass::Project | Pass::CloudyAscent | Pass::FixWater)
     }
 
     /// Bytes a cell that it must move where `planned` fields are held: each value once, neighbours from cache. A pass of the lowest level alone moves

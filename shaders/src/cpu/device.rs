@@ -9,8 +9,12 @@ use super::sim::advect::Scratch;
 use super::sim::parameters::{DiffusionScheme, Parameters, PressureMethod};
 use super::sim::slab::slab_count;
 use super::sim::*;
-use crate::catalogue::{Field, Pass};
+use crate::catalogue::{Field, Pass, Rung};
 use crate::device::{CloudReductions, Device, Reductions, Substep, Vitals};
+
+const CENTRE_VELOCITY: [Field; 3] = [Field::CentreVelocityX, Field::CentreVelocityY, Field::CentreVelocityZ];
+const DEPARTURE: [Field; 3] = [Field::DepartureX, Field::DepartureY, Field::DepartureZ];
+const ARRIVAL: [Field; 3] = [Field::ArrivalX, Field::ArrivalY, Field::ArrivalZ];
 
 /// The CPU device of one world.
 pub struct Cpu {
@@ -20,6 +24,7 @@ pub struct Cpu {
     levels: Vec<Reductions>,
     cloud_levels: Vec<reduce_cloud::Level>,
     vital_levels: Vec<Vitals>,
+    sum_levels: Vec<[f64; 2]>,
     solver: Option<Solver>,
     /// Two fields for the implicit diffusion's sweeps; empty without it.
     diffusion: [Vec<f32>; 2],
@@ -76,12 +81,13 @@ impl Cpu {
         let grid = parameters.grid;
         Self {
             fields: Fields::new(grid.len(), planned),
-            scratch: if planned.contains(&Field::NextVelocityX) {
+            scratch: if parameters.methods.advection == Rung::FluxForm && planned.contains(&Field::NextVelocityX) {
                 vec![Scratch::new(&grid); slab_count(&grid)]
             } else {
                 Vec::new()
             },
             levels: vec![Reductions::default(); grid.cells[2]],
+            sum_levels: vec![[0.0; 2]; grid.cells[2]],
             cloud_levels: vec![reduce_cloud::Level::default(); grid.cells[2]],
             vital_levels: vec![Vitals::default(); grid.cells[2]],
             solver: planned.contains(&Field::Pressure).then(|| Solver::new(&parameters)),
@@ -109,21 +115,45 @@ impl Cpu {
         }
     }
 
-    fn saturate(&mut self) {
+    fn saturate(&mut self, heat: Field, water: Field) {
         self.writing([Field::CloudWater, Field::Buoyancy], |d, [cloud, buoyancy]| {
-            saturation_adjustment::run(
-                &d.parameters,
-                d.fields.get(Field::Heat),
-                d.fields.get(Field::Water),
-                cloud,
-                buoyancy,
-            );
+            saturation_adjustment::run(&d.parameters, d.fields.get(heat), d.fields.get(water), cloud, buoyancy);
         });
     }
 
-    fn dry_buoyancy(&mut self) {
+    fn dry_buoyancy(&mut self, heat: Field) {
         self.writing([Field::Buoyancy], |d, [buoyancy]| {
-            dry_buoyancy::run(&d.parameters, d.fields.get(Field::Heat), buoyancy)
+            dry_buoyancy::run(&d.parameters, d.fields.get(heat), buoyancy)
+        });
+    }
+
+    fn depart(&mut self, written: [Field; 3], dt_s: f32) {
+        self.writing(written, |d, out| {
+            let wind = CENTRE_VELOCITY.map(|f| d.fields.get(f));
+            departure::run(&d.parameters, wind, dt_s, out);
+        });
+    }
+
+    /// Carries one quantity by a semi-Lagrangian rung.
+    fn carry(&mut self, rung: Rung, state: Field, slow: Field, next: Field, substep: &Substep) {
+        let written = [Field::Forward, Field::ForwardLow, Field::ForwardHigh, next];
+        self.writing(written, |d, [forward, low, high, out]| {
+            let carried = semi_lagrangian::Carried {
+                place: state.place(),
+                // Where nothing is held over a substep, the state itself is carried.
+                state: d.fields.planned(slow).unwrap_or(d.fields.get(state)),
+                departure: DEPARTURE.map(|f| d.fields.get(f)),
+                buoyancy: d.fields.get(Field::Buoyancy),
+                dt_s: substep.stage_s(),
+            };
+            match rung {
+                Rung::MacCormack => {
+                    let arrival = ARRIVAL.map(|f| d.fields.get(f));
+                    mac_cormack::run(&d.parameters, &carried, arrival, [forward, low, high], out);
+                }
+                Rung::SemiLagrangianCubic => semi_lagrangian_cubic::run(&d.parameters, &carried, out),
+                _ => semi_lagrangian_linear::run(&d.parameters, &carried, out),
+            }
         });
     }
 
@@ -257,8 +287,139 @@ impl Device for Cpu {
                         .for_each(|c| c.fill(0.0));
                 }
             }
-            Pass::StepSaturation | Pass::Saturation | Pass::PublishSaturation => self.saturate(),
-            Pass::StepDryBuoyancy | Pass::DryBuoyancy => self.dry_buoyancy(),
+            Pass::StepSaturation | Pass::StartSaturation | Pass::Saturation | Pass::PublishSaturation => {
+                self.saturate(Field::Heat, Field::Water)
+            }
+            Pass::StepDryBuoyancy | Pass::DryBuoyancy => self.dry_buoyancy(Field::Heat),
+            Pass::SaturationNext => self.saturate(Field::NextHeat, Field::NextWater),
+            Pass::DryBuoyancyNext => self.dry_buoyancy(Field::NextHeat),
+            Pass::AddTendencies => {
+                for (state, slow) in [
+                    (Field::VelocityX, Field::SlowVelocityX),
+                    (Field::VelocityY, Field::SlowVelocityY),
+                    (Field::VelocityZ, Field::SlowVelocityZ),
+                    (Field::Heat, Field::SlowHeat),
+                    (Field::Water, Field::SlowWater),
+                ] {
+                    self.writing([slow], |d, [out]| {
+                        add_tendencies::run(d.fields.get(state), substep.substep_s, out);
+                    });
+                }
+            }
+            Pass::CentreWind => self.writing(CENTRE_VELOCITY, |d, out| {
+                centre_wind::run(&d.parameters, d.velocity(), out);
+            }),
+            Pass::Departure => self.depart(DEPARTURE, substep.stage_s()),
+            Pass::Arrival => self.depart(ARRIVAL, -substep.stage_s()),
+            Pass::FixWater => {
+                let mut levels = std::mem::take(&mut self.sum_levels);
+                self.writing([Field::NextWater], |d, [out]| {
+                    let before = d.fields.planned(Field::SlowWater).unwrap_or(d.fields.get(Field::Water));
+                    mass_fixer::run(&d.parameters, before, &mut levels, out);
+                });
+                self.sum_levels = levels;
+            }
+            Pass::LinearHeat => self.carry(
+                Rung::SemiLagrangianLinear,
+                Field::Heat,
+                Field::SlowHeat,
+                Field::NextHeat,
+                substep,
+            ),
+            Pass::MacCormackHeat => {
+                self.carry(Rung::MacCormack, Field::Heat, Field::SlowHeat, Field::NextHeat, substep)
+            }
+            Pass::CubicHeat => self.carry(
+                Rung::SemiLagrangianCubic,
+                Field::Heat,
+                Field::SlowHeat,
+                Field::NextHeat,
+                substep,
+            ),
+            Pass::LinearWater => self.carry(
+                Rung::SemiLagrangianLinear,
+                Field::Water,
+                Field::SlowWater,
+                Field::NextWater,
+                substep,
+            ),
+            Pass::MacCormackWater => self.carry(
+                Rung::MacCormack,
+                Field::Water,
+                Field::SlowWater,
+                Field::NextWater,
+                substep,
+            ),
+            Pass::CubicWater => self.carry(
+                Rung::SemiLagrangianCubic,
+                Field::Water,
+                Field::SlowWater,
+                Field::NextWater,
+                substep,
+            ),
+            Pass::LinearVelocityX => self.carry(
+                Rung::SemiLagrangianLinear,
+                Field::VelocityX,
+                Field::SlowVelocityX,
+                Field::NextVelocityX,
+                substep,
+            ),
+            Pass::MacCormackVelocityX => self.carry(
+                Rung::MacCormack,
+                Field::VelocityX,
+                Field::SlowVelocityX,
+                Field::NextVelocityX,
+                substep,
+            ),
+            Pass::CubicVelocityX => self.carry(
+                Rung::SemiLagrangianCubic,
+                Field::VelocityX,
+                Field::SlowVelocityX,
+                Field::NextVelocityX,
+                substep,
+            ),
+            Pass::LinearVelocityY => self.carry(
+                Rung::SemiLagrangianLinear,
+                Field::VelocityY,
+                Field::SlowVelocityY,
+                Field::NextVelocityY,
+                substep,
+            ),
+            Pass::MacCormackVelocityY => self.carry(
+                Rung::MacCormack,
+                Field::VelocityY,
+                Field::SlowVelocityY,
+                Field::NextVelocityY,
+                substep,
+            ),
+            Pass::CubicVelocityY => self.carry(
+                Rung::SemiLagrangianCubic,
+                Field::VelocityY,
+                Field::SlowVelocityY,
+                Field::NextVelocityY,
+                substep,
+            ),
+            Pass::LinearVelocityZ => self.carry(
+                Rung::SemiLagrangianLinear,
+                Field::VelocityZ,
+                Field::SlowVelocityZ,
+                Field::NextVelocityZ,
+                substep,
+            ),
+            Pass::MacCormackVelocityZ => self.carry(
+                Rung::MacCormack,
+                Field::VelocityZ,
+                Field::SlowVelocityZ,
+                Field::NextVelocityZ,
+                substep,
+            ),
+            Pass::CubicVelocityZ => self.carry(
+                Rung::SemiLagrangianCubic,
+                Field::VelocityZ,
+                Field::SlowVelocityZ,
+                Field::NextVelocityZ,
+                substep,
+            ),
             Pass::EddyViscosity => self.writing([Field::EddyViscosity], |d, [out]| {
                 eddy_viscosity::run(&d.parameters, d.velocity(), d.fields.get(Field::Buoyancy), out);
             }),
@@ -373,8 +534,7 @@ impl Device for Cpu {
             let (Some(start), Some(next)) = (state.start(), state.next()) else {
                 continue;
             };
-            // A method of one stage may not ask for the start: then the old state is overwritten by the next stage.
-            if stage == 0 && self.fields.planned(start).is_some() {
+            if stage == 0 {
                 self.fields.swap(state, start);
             }
             self.fields.swap(state, next);

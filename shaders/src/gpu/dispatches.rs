@@ -109,6 +109,29 @@ pub fn dispatches(pass: Pass) -> &'static [Dispatch] {
         // On the CPU alone; their rungs say why.
         Pass::ConstantViscosityMomentum | Pass::ConstantViscosityHeat | Pass::ConstantViscosityWater => &[],
         Pass::PressureJacobi | Pass::PressureRedBlackSor | Pass::PressureMultigrid => &[],
+        Pass::StartSaturation
+        | Pass::AddTendencies
+        | Pass::CentreWind
+        | Pass::Departure
+        | Pass::Arrival
+        | Pass::FixWater
+        | Pass::SaturationNext
+        | Pass::DryBuoyancyNext
+        | Pass::LinearHeat
+        | Pass::MacCormackHeat
+        | Pass::CubicHeat
+        | Pass::LinearWater
+        | Pass::MacCormackWater
+        | Pass::CubicWater
+        | Pass::LinearVelocityX
+        | Pass::MacCormackVelocityX
+        | Pass::CubicVelocityX
+        | Pass::LinearVelocityY
+        | Pass::MacCormackVelocityY
+        | Pass::CubicVelocityY
+        | Pass::LinearVelocityZ
+        | Pass::MacCormackVelocityZ
+        | Pass::CubicVelocityZ => &[],
         Pass::SurfaceFlux => dispatches!(
             "sim/surface_flux" "main" Ground
             [Read(VelocityX), Read(VelocityY), Change(SlowVelocityX), Change(SlowVelocityY), Change(SlowHeat), Change(SlowWater)]

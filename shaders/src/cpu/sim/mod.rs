@@ -1,18 +1,23 @@
 //! The dynamics, one file a stage.
 
+pub mod add_tendencies;
 pub mod advect;
 pub mod advect_momentum;
 pub mod advect_scalar;
 pub mod body_force;
+pub mod centre_wind;
 pub mod cloud_extinction;
 pub mod cloudy_ascent;
 pub mod constant_viscosity;
 pub mod coriolis;
+pub mod departure;
 pub mod diffuse_momentum;
 pub mod diffuse_scalar;
 pub mod dry_buoyancy;
 pub mod eddy_viscosity;
 pub mod large_scale;
+pub mod mac_cormack;
+pub mod mass_fixer;
 pub mod parameters;
 pub mod pressure_columns;
 pub mod pressure_jacobi;
@@ -24,6 +29,9 @@ pub mod project;
 pub mod reduce;
 pub mod reduce_cloud;
 pub mod saturation_adjustment;
+pub mod semi_lagrangian;
+pub mod semi_lagrangian_cubic;
+pub mod semi_lagrangian_linear;
 pub mod slab;
 pub mod sponge;
 pub mod surface_flux;
