@@ -2,11 +2,13 @@
 
 use std::f64::consts::PI;
 
-use welkin_shaders::Grid;
-use welkin_shaders::cpu::sim::parameters::Methods;
+use welkin_shaders::catalogue::{Field, Pass};
+use welkin_shaders::cpu::Cpu;
+use welkin_shaders::cpu::sim::parameters::{Methods, PressureMethod};
 use welkin_shaders::cpu::sim::{
     Parameters, pressure_jacobi, pressure_multigrid, pressure_red_black_sor, pressure_solve, project,
 };
+use welkin_shaders::{Device, Grid, Substep};
 
 /// Air of constant density, or of density that falls to 1/e over `scale_height_m`.
 fn air(cells: [usize; 3], cell_size_m: [f32; 3], scale_height_m: Option<f64>) -> Parameters {
@@ -452,5 +454,61 @@ fn same_bits_for_any_number_of_threads() {
             one == run(2) && one == run(3),
             "{rung:?}: bits differ with the number of threads"
         );
+    }
+}
+
+#[test]
+fn a_slot_keeps_the_pressure_that_the_next_solve_starts_from() {
+    use Field::*;
+    for (pass, method) in [
+        (Pass::PressureJacobi, PressureMethod::Jacobi { sweeps: 5 }),
+        (
+            Pass::PressureRedBlackSor,
+            PressureMethod::RedBlackSor {
+                sweeps: 3,
+                relaxation: 1.5,
+            },
+        ),
+        (Pass::PressureMultigrid, PressureMethod::Multigrid { cycles: 1 }),
+    ] {
+        let mut air = air([12, 9, 7], [100.0, 100.0, 40.0], Some(8000.0));
+        air.methods.pressure = method;
+        let wind = random_wind(&air);
+        let planned = [
+            VelocityX,
+            VelocityY,
+            VelocityZ,
+            NextVelocityX,
+            NextVelocityY,
+            NextVelocityZ,
+            Pressure,
+        ];
+        let mut device = Cpu::new(air, &planned);
+        for (field, values) in planned[3..6].iter().zip(&wind) {
+            assert!(device.write(*field, values));
+        }
+        let substep = Substep {
+            substep_s: 5.0,
+            stage: 0,
+            stages: 1,
+        };
+        let solve = |device: &mut Cpu| {
+            device.run(pass, &substep);
+            device.read(Pressure).expect("planned").to_vec()
+        };
+        let cold = solve(&mut device);
+        device.save(0);
+        let warm = solve(&mut device);
+        assert!(cold != warm, "{method:?} does not start from the last pressure");
+        solve(&mut device);
+        assert!(device.restore(0));
+        assert!(
+            solve(&mut device) == warm,
+            "{method:?} goes on otherwise after a restoration"
+        );
+        // Where the pressure of a substep's start is gone, the solve starts from none.
+        device.save_start(0);
+        assert!(device.restore(0));
+        assert!(solve(&mut device) == cold, "{method:?}");
     }
 }
