@@ -15,7 +15,7 @@ mod adiabat;
 mod ascent;
 mod source;
 
-pub use adiabat::{Adiabat, reversible_equivalent_potential_temperature_k};
+pub use adiabat::{Adiabat, reversible_equivalent_potential_temperature_k, theta_l_after_ascent};
 pub use ascent::{lifting_condensation_level, saturated_ascent};
 use source::Source;
 

@@ -4,6 +4,7 @@ mod explain;
 mod render;
 mod run;
 mod serve;
+mod validate;
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -15,7 +16,8 @@ use clap::{Args, CommandFactory, Parser, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use tracing_subscriber::EnvFilter;
 use welkin_proto::scene::BaseState;
-use welkin_proto::{ApiError, Scene, presets, validate};
+use welkin_proto::validate as judge;
+use welkin_proto::{ApiError, Scene, presets};
 
 use crate::bench::BenchOptions;
 use crate::limits::Limits;
@@ -35,6 +37,7 @@ Examples:
   welkin run fair-weather-cumulus --until 2h --stats stats.csv
   welkin explain clear-sky-wind                  which passes run, why, and what each costs
   welkin scenes                                  the presets, one line each
+  welkin validate --quick                        published cases, figures beside ours
   welkin bench --json bench.json                 how fast this machine is
   welkin bench --device gpu                      how fast its GPU is, pass by pass
 
@@ -68,6 +71,9 @@ enum Command {
     Scenes,
     /// Print the JSON Schema of a scene.
     Schema,
+    /// Run published cases and show each figure beside the published one.
+    #[command(after_help = validate::EXAMPLES)]
+    Validate(validate::Options),
     /// Measure this machine: simulation and pictures, alone and together.
     Bench(BenchOptions),
 }
@@ -108,11 +114,11 @@ impl SceneFlags {
     }
 
     /// Loads a scene, with the sounding in place of its base state if one was given.
-    fn load(&self, scene: &str, limits: &validate::Limits) -> Result<Scene, Failure> {
+    fn load(&self, scene: &str, limits: &judge::Limits) -> Result<Scene, Failure> {
         let mut scene = load_scene(scene, limits)?;
         if let Some(path) = &self.sounding {
             scene.base_state = BaseState::Sounding { text: read_text(path)? };
-            validate::validate(&scene, limits).map_err(|error| Failure(format!("{}: {error}", path.display())))?;
+            judge::validate(&scene, limits).map_err(|error| Failure(format!("{}: {error}", path.display())))?;
         }
         Ok(scene)
     }
@@ -169,6 +175,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>, log_filter: Option<String>)
         Some(Command::Explain(options)) => explain::run(options),
         Some(Command::Scenes) => scenes(),
         Some(Command::Schema) => schema(),
+        Some(Command::Validate(options)) => validate::run(options),
         Some(Command::Bench(options)) => crate::bench::run(&options)
             .map(|()| Outcome::Done)
             .map_err(|error| Failure(error.to_string())),
@@ -198,7 +205,7 @@ fn scenes() -> Result<Outcome, Failure> {
 }
 
 fn schema() -> Result<Outcome, Failure> {
-    let text = serde_json::to_string_pretty(&validate::schema()).map_err(|error| Failure(error.to_string()))?;
+    let text = serde_json::to_string_pretty(&judge::schema()).map_err(|error| Failure(error.to_string()))?;
     print_line(&text)?;
     Ok(Outcome::Done)
 }
@@ -210,7 +217,7 @@ fn print_line(line: &str) -> Result<(), Failure> {
 }
 
 /// A scene by preset name or file.
-fn load_scene(scene: &str, limits: &validate::Limits) -> Result<Scene, Failure> {
+fn load_scene(scene: &str, limits: &judge::Limits) -> Result<Scene, Failure> {
     if presets::all().iter().any(|preset| preset.name == scene) {
         return Ok(presets::find(scene)?);
     }
@@ -225,7 +232,7 @@ fn load_scene(scene: &str, limits: &validate::Limits) -> Result<Scene, Failure> 
             "{scene:?} is neither a file nor a preset; the presets are {names}"
         )));
     }
-    validate::parse_scene(&read_text(path)?, limits).map_err(|error| Failure(format!("{scene}: {error}")))
+    judge::parse_scene(&read_text(path)?, limits).map_err(|error| Failure(format!("{scene}: {error}")))
 }
 
 /// A file's text; bytes that are not UTF-8 are replaced, since old soundings carry odd degree signs.
@@ -237,6 +244,11 @@ fn read_text(path: &Path) -> Result<String, Failure> {
 /// Writes a file whole.
 fn write_file(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     std::fs::write(path, bytes).map_err(|error| Failure(format!("cannot write {}: {error}", path.display())))
+}
+
+/// A folder, made if it is not there.
+fn make_folder(path: &Path) -> Result<(), Failure> {
+    std::fs::create_dir_all(path).map_err(|error| Failure(format!("cannot make {}: {error}", path.display())))
 }
 
 /// Seconds from `90s`, `10m`, `2h`, `1d` or a plain number of seconds.
@@ -293,14 +305,33 @@ fn progress_bar(until_s: f64, what: &str) -> ProgressBar {
     bar
 }
 
+/// Rows of text in columns as wide as their widest cell; numbers to the right.
+fn columns<const N: usize>(rows: Vec<[String; N]>, right: [bool; N]) -> String {
+    let widths: [usize; N] = std::array::from_fn(|c| rows.iter().map(|row| row[c].chars().count()).max().unwrap_or(0));
+    let mut text = String::new();
+    for row in &rows {
+        let cells = row.iter().enumerate().map(|(c, cell)| {
+            let width = widths[c];
+            if right[c] {
+                format!("{cell:>width$}")
+            } else {
+                format!("{cell:<width$}")
+            }
+        });
+        text += cells.collect::<Vec<_>>().join("  ").trim_end();
+        text += "\n";
+    }
+    text
+}
+
 /// The command line's definition, for tests and documents.
 pub fn definition() -> clap::Command {
     Cli::command()
 }
 
 /// Limits of the command line where nobody is to be kept from anything: the scene's own ranges hold, nothing else.
-fn own_limits() -> validate::Limits {
-    validate::Limits {
+fn own_limits() -> judge::Limits {
+    judge::Limits {
         max_cells: u64::MAX,
         max_scene_bytes: usize::MAX,
         ..Limits::default().scene()

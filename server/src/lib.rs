@@ -12,5 +12,7 @@ pub mod methods;
 pub mod parameters;
 pub mod picture;
 pub mod plan;
+pub mod plot;
 pub mod sun;
+pub mod validate;
 pub mod world;

@@ -69,7 +69,7 @@ impl Adiabat {
 }
 
 /// Liquid-water potential temperature after a change `by` of the Exner function: one Runge-Kutta step.
-pub(crate) fn ascend(exner: f64, by: f64, theta_l_k: f64, total_water_kg_per_kg: f64) -> f64 {
+fn ascend(exner: f64, by: f64, theta_l_k: f64, total_water_kg_per_kg: f64) -> f64 {
     let latent = c::LATENT_HEAT_VAPORISATION / c::HEAT_CAPACITY_DRY_AIR;
     let slope = |exner: f64, theta_l: f64| {
         let (_, liquid) = adjust(pressure_of(exner), exner * theta_l, total_water_kg_per_kg);
@@ -80,6 +80,21 @@ pub(crate) fn ascend(exner: f64, by: f64, theta_l_k: f64, total_water_kg_per_kg:
     let k3 = slope(exner + 0.5 * by, theta_l_k + 0.5 * by * k2);
     let k4 = slope(exner + by, theta_l_k + by * k3);
     theta_l_k + by / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+}
+
+/// Liquid-water potential temperature of air that is brought from one value of the Exner function to another along its reversible
+/// adiabat, in `steps` Runge-Kutta steps.
+pub fn theta_l_after_ascent(
+    from_exner: f64,
+    to_exner: f64,
+    theta_l_k: f64,
+    total_water_kg_per_kg: f64,
+    steps: usize,
+) -> f64 {
+    let by = (to_exner - from_exner) / steps.max(1) as f64;
+    (0..steps.max(1)).fold(theta_l_k, |theta_l, i| {
+        ascend(from_exner + i as f64 * by, by, theta_l, total_water_kg_per_kg)
+    })
 }
 
 /// Equivalent potential temperature (K) of saturated air for a reversible ascent, with the heat capacity of all its water:

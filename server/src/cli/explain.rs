@@ -3,7 +3,7 @@
 use clap::Args;
 use welkin_proto::wire::PlanReport;
 
-use super::{Failure, Outcome, SceneFlags, own_limits, print_line};
+use super::{Failure, Outcome, SceneFlags, columns, own_limits, print_line};
 use crate::picture::{self, Renderer};
 use crate::world::World;
 
@@ -104,24 +104,5 @@ fn table(world: &World, plan: &PlanReport) -> String {
         plan.fields.len(),
         plan.bytes as f64 / f64::from(1 << 20)
     );
-    text
-}
-
-/// Rows of text in columns as wide as their widest cell; numbers to the right.
-fn columns<const N: usize>(rows: Vec<[String; N]>, right: [bool; N]) -> String {
-    let widths: [usize; N] = std::array::from_fn(|c| rows.iter().map(|row| row[c].chars().count()).max().unwrap_or(0));
-    let mut text = String::new();
-    for row in &rows {
-        let cells = row.iter().enumerate().map(|(c, cell)| {
-            let width = widths[c];
-            if right[c] {
-                format!("{cell:>width$}")
-            } else {
-                format!("{cell:<width$}")
-            }
-        });
-        text += cells.collect::<Vec<_>>().join("  ").trim_end();
-        text += "\n";
-    }
     text
 }
