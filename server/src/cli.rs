@@ -1,6 +1,7 @@
 //! The command line.
 
 mod explain;
+mod ladder;
 mod render;
 mod run;
 mod serve;
@@ -38,6 +39,7 @@ Examples:
   welkin explain clear-sky-wind                  which passes run, why, and what each costs
   welkin scenes                                  the presets, one line each
   welkin validate --quick                        published cases, figures beside ours
+  welkin ladder dynamics --quick                 what accuracy costs
   welkin bench --json bench.json                 how fast this machine is
   welkin bench --device gpu                      how fast its GPU is, pass by pass
 
@@ -74,6 +76,9 @@ enum Command {
     /// Run published cases and show each figure beside the published one.
     #[command(after_help = validate::EXAMPLES)]
     Validate(validate::Options),
+    /// Measure the methods on a ladder: error beside cost.
+    #[command(after_help = ladder::EXAMPLES)]
+    Ladder(ladder::Options),
     /// Measure this machine: simulation and pictures, alone and together.
     Bench(BenchOptions),
 }
@@ -84,11 +89,28 @@ struct SceneFlags {
     /// Take the air from a radiosonde ascent (SPC or University of Wyoming text) in place of the scene's.
     #[arg(long, value_name = "FILE")]
     sounding: Option<PathBuf>,
+    #[command(flatten)]
+    machine: MachineFlags,
+}
+
+/// Flags of every command that computes.
+#[derive(Args, Clone)]
+struct MachineFlags {
     /// Worker threads; as many as the machine has cores unless given.
     #[arg(long, value_name = "N")]
     threads: Option<std::num::NonZeroUsize>,
     #[command(flatten)]
     device: DeviceFlag,
+}
+
+impl MachineFlags {
+    /// What to compute on. Errors: an adapter that isn't there, with those that are.
+    fn machine(&self) -> Result<Machine, Failure> {
+        Ok(Machine {
+            threads: self.threads.map(Into::into),
+            compute: Compute::choose(&self.device.device)?,
+        })
+    }
 }
 
 /// The flag that chooses the device.
@@ -102,15 +124,12 @@ pub(crate) struct DeviceFlag {
 
 impl SceneFlags {
     fn threads(&self) -> Option<usize> {
-        self.threads.map(Into::into)
+        self.machine.threads.map(Into::into)
     }
 
     /// What to compute on. Errors: an adapter that isn't there, with those that are.
     fn machine(&self) -> Result<Machine, Failure> {
-        Ok(Machine {
-            threads: self.threads(),
-            compute: Compute::choose(&self.device.device)?,
-        })
+        self.machine.machine()
     }
 
     /// Loads a scene, with the sounding in place of its base state if one was given.
@@ -176,6 +195,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>, log_filter: Option<String>)
         Some(Command::Scenes) => scenes(),
         Some(Command::Schema) => schema(),
         Some(Command::Validate(options)) => validate::run(options),
+        Some(Command::Ladder(options)) => ladder::run(options),
         Some(Command::Bench(options)) => crate::bench::run(&options)
             .map(|()| Outcome::Done)
             .map_err(|error| Failure(error.to_string())),

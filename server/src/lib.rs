@@ -6,6 +6,7 @@ pub mod cli;
 pub mod host;
 pub mod http;
 pub mod initial;
+pub mod ladder;
 pub mod limits;
 pub mod machine;
 pub mod methods;

@@ -99,6 +99,17 @@ impl Compute {
         Ok(Compute::Gpu(adapter))
     }
 
+    /// The device's name, as worlds report it.
+    pub fn name(&self) -> String {
+        self.context().map_or_else(
+            || "cpu".to_owned(),
+            |context| {
+                let report = &context.report;
+                format!("gpu: {} ({}, {})", report.name, report.backend, report.driver)
+            },
+        )
+    }
+
     /// The open adapter, for pictures; none on the CPU device.
     pub fn context(&self) -> Option<Arc<Context>> {
         match self {

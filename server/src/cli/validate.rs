@@ -5,7 +5,9 @@ use std::sync::atomic::Ordering;
 
 use clap::Args;
 
-use super::{Failure, Outcome, columns, interrupt_flag, make_folder, print_line, progress_bar, write_file};
+use super::{
+    Failure, MachineFlags, Outcome, columns, interrupt_flag, make_folder, print_line, progress_bar, write_file,
+};
 use crate::validate::{Aim, CASES, Case, Context, Figure, Report, ValidateError};
 
 pub(super) const EXAMPLES: &str = "\
@@ -34,9 +36,8 @@ pub(super) struct Options {
     /// Print the results as JSON.
     #[arg(long)]
     json: bool,
-    /// Worker threads; as many as the machine has cores unless given.
-    #[arg(long, value_name = "N")]
-    threads: Option<std::num::NonZeroUsize>,
+    #[command(flatten)]
+    machine: MachineFlags,
 }
 
 pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
@@ -51,6 +52,7 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
     if let Some(folder) = &options.out {
         make_folder(folder)?;
     }
+    let machine = options.machine.machine()?;
     let interrupted = interrupt_flag();
     let mut reports = Vec::new();
     for case in cases {
@@ -66,7 +68,7 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
         };
         let context = Context {
             quick: options.quick,
-            threads: options.threads.map(Into::into),
+            machine: machine.clone(),
             progress: &progress,
         };
         let report = match case.run(&context) {

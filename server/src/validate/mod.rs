@@ -5,13 +5,16 @@
 
 mod bomex;
 mod bubbles;
+mod density_current;
 
+use std::borrow::Cow;
 use std::time::Instant;
 
 use serde::Serialize;
 use welkin_proto::{ApiError, Scene};
 use welkin_shaders::catalogue::Field;
 
+use crate::machine::Machine;
 use crate::plot::PlotError;
 use crate::world::World;
 
@@ -187,6 +190,12 @@ pub const CASES: &[Case] = &[
         run: bubbles::moist,
     },
     Case {
+        name: "density-current",
+        what: "a cold bubble falls and runs along the ground",
+        source: "Straka et al. (1993), compressible reference at 25 m",
+        run: density_current::run,
+    },
+    Case {
         name: "bomex",
         what: "six hours of shallow cumulus over the tropical Atlantic",
         source: "Siebesma et al. (2003), large-eddy intercomparison",
@@ -198,8 +207,8 @@ pub const CASES: &[Case] = &[
 pub struct Context<'a> {
     /// Coarser or shorter, to see that it works.
     pub quick: bool,
-    /// Threads; none takes one a core.
-    pub threads: Option<usize>,
+    /// What computes.
+    pub machine: Machine,
     /// Told what is running, how far it is and how far it goes, both in simulated seconds; `false` ends the case.
     pub progress: &'a dyn Fn(&str, f64, f64) -> bool,
 }
@@ -207,7 +216,7 @@ pub struct Context<'a> {
 impl Context<'_> {
     /// Starts a world. Errors: the scene's.
     pub fn world(&self, scene: Scene) -> Result<World, ValidateError> {
-        Ok(World::new(scene, self.threads)?)
+        Ok(World::new(scene, self.machine.clone())?)
     }
 
     /// Runs a world to `until_s`, and shows it to `each` after every tick.
@@ -247,7 +256,7 @@ impl Case {
             what: self.what,
             source: self.source,
             quick: context.quick,
-            device: "cpu".to_owned(),
+            device: context.machine.compute.name(),
             wall_s: began.elapsed().as_secs_f64(),
             findings,
         })
@@ -256,7 +265,7 @@ impl Case {
 
 /// A field's values; empty if the plan doesn't hold it.
 pub(crate) fn field(world: &World, field: Field) -> Vec<f32> {
-    world.device().read(field).map(<[f32]>::to_vec).unwrap_or_default()
+    world.device().read(field).map(Cow::into_owned).unwrap_or_default()
 }
 
 /// Least and largest value.
