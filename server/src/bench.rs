@@ -1,5 +1,7 @@
 //! `welkin bench`: what the default scene costs on this machine. It reports and does not judge.
 
+mod scaling;
+
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::PathBuf;
@@ -42,6 +44,9 @@ pub struct BenchOptions {
     pub threads: Option<std::num::NonZeroUsize>,
     #[command(flatten)]
     pub(crate) device: DeviceFlag,
+    /// Measure instead what a cell costs on grids from 32 to 256 cubed; the largest takes 3 GiB and half a minute.
+    #[arg(long)]
+    pub scaling: bool,
     /// Also write the report as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -166,21 +171,48 @@ pub enum BenchError {
 ///
 /// Errors: see [`BenchError`].
 pub fn run(options: &BenchOptions) -> Result<(), BenchError> {
+    if options.scaling {
+        return run_scaling(options);
+    }
     let report = measure(options)?;
     print(&report);
+    write_json(options, &report)
+}
+
+fn write_json(options: &BenchOptions, report: &impl Serialize) -> Result<(), BenchError> {
     if let Some(path) = &options.json {
         let text =
-            serde_json::to_string_pretty(&report).map_err(|e| BenchError::System("cannot write JSON", e.into()))?;
+            serde_json::to_string_pretty(report).map_err(|e| BenchError::System("cannot write JSON", e.into()))?;
         std::fs::write(path, text).map_err(|e| BenchError::System("cannot write the JSON report", e))?;
     }
     Ok(())
 }
 
-fn measure(options: &BenchOptions) -> Result<Report, BenchError> {
+fn run_scaling(options: &BenchOptions) -> Result<(), BenchError> {
     let scene = presets::find(&options.scene)?;
-    eprintln!("starting a server for its first frame");
-    let (first_frame_s, resident_first_frame_mib) = first_frame(options)?;
+    let (machine, copy_bytes_per_s) = machine(options)?;
+    // Four sizes share what one measurement takes otherwise.
+    let window = Duration::try_from_secs_f64(0.25 * options.seconds).unwrap_or_default();
+    let sizes = scaling::measure(&scene, &machine, copy_bytes_per_s, window)?;
+    println!(
+        "welkin {} on {}, scene {}",
+        env!("CARGO_PKG_VERSION"),
+        machine.compute.name(),
+        scene.name
+    );
+    print!("{}", scaling::table(&sizes, copy_bytes_per_s));
+    write_json(
+        options,
+        &serde_json::json!({
+            "version": env!("CARGO_PKG_VERSION"), "commit": options.commit, "device": machine.compute.name(),
+            "processor": proc_value("/proc/cpuinfo", "model name"), "scene": scene.name,
+            "copy_bytes_per_s": copy_bytes_per_s, "sizes": sizes,
+        }),
+    )
+}
 
+/// What to compute on, and what a copy reaches there, bytes a second.
+fn machine(options: &BenchOptions) -> Result<(Machine, f64), BenchError> {
     let machine = Machine {
         threads: options.threads.map(Into::into),
         compute: Compute::choose(&options.device.device)?,
@@ -190,6 +222,15 @@ fn measure(options: &BenchOptions) -> Result<Report, BenchError> {
         Some(context) => gpu::bandwidth::copy_bytes_per_s(&context).map_err(|e| gpu_failure(&e))?,
         None => cpu_copy_bytes_per_s(),
     };
+    Ok((machine, copy_bytes_per_s))
+}
+
+fn measure(options: &BenchOptions) -> Result<Report, BenchError> {
+    let scene = presets::find(&options.scene)?;
+    eprintln!("starting a server for its first frame");
+    let (first_frame_s, resident_first_frame_mib) = first_frame(options)?;
+
+    let (machine, copy_bytes_per_s) = machine(options)?;
     let compute = machine.compute.clone();
     let host = Host::spawn("bench", scene.clone(), machine)?;
     let view = host.view();

@@ -338,8 +338,8 @@ fn colour_of(value: f64, [low, high]: [f64; 2]) -> RGBColor {
     const RED: [f64; 3] = [165.0, 15.0, 20.0];
     if low < 0.0 && value < 0.0 {
         mix(WHITE, BLUE, value / low)
-    } else if high > 0.0 && low <= 0.0 {
-        mix(WHITE, RED, value / high)
+    } else if low < 0.0 {
+        mix(WHITE, RED, if high > 0.0 { value / high } else { 0.0 })
     } else {
         mix(WHITE, BLUE, (value - low) / (high - low))
     }
@@ -448,6 +448,15 @@ mod tests {
         assert!(colours.len() > 50, "only {} colours", colours.len());
         // The lower left cell is -1, the end of the scale.
         assert!(colours.contains(&[5, 60, 140]) && colours.contains(&[165, 15, 20]));
+    }
+
+    #[test]
+    fn nothing_is_white_whatever_the_range() {
+        let white = colour_of(0.0, [-1.0, 1.0]);
+        assert_eq!(colour_of(0.0, [-10.0, 0.0]), white);
+        assert_eq!(colour_of(3.0, [-10.0, 0.0]), white, "beyond the end");
+        assert_eq!(colour_of(0.0, [0.0, 5.0]), white);
+        assert_ne!(colour_of(5.0, [0.0, 5.0]), white);
     }
 
     #[test]

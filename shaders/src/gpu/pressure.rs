@@ -102,7 +102,9 @@ impl Solver {
         };
         let twiddles: Vec<[f32; 2]> = turns(nx).chain(turns(ny)).collect();
         let mut pivots = vec![0.0f32; levels * ny * half];
-        for_each_pivot(parameters, |m, j, z, pivot| pivots[(z * ny + j) * half + m] = pivot);
+        for_each_pivot(parameters, |m, j, z, pivot| {
+            pivots[(z * ny + j) * half + m] = pivot as f32
+        });
         use Bind::{Read, Uniform, Write};
         let binds = [
             Uniform, Uniform, Read, Read, Read, Read, Read, Read, Write, Write, Uniform,
