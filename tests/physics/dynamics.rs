@@ -324,7 +324,9 @@ fn dry_bubble_of_bryan_and_fritsch() {
     let lopsided = (0..w.len())
         .map(|i| (w[i] - w[i / nx * nx + (nx - 1 - i % nx)]).abs())
         .fold(0.0, f32::max) as f64;
-    assert!(lopsided / figures[2] < 1e-3, "asymmetric by {lopsided} m/s");
+    // Nothing in a tick tells left from right but the rounding of the pressure solve's transforms, which are in f64 and rounded to f32:
+    // mirror images differ by nothing here. The aim of the case is 1e-4.
+    assert!(lopsided / figures[2] < 1e-5, "asymmetric by {lopsided} m/s");
 }
 
 #[test]
