@@ -193,9 +193,11 @@ fn number(value: f64, log: bool) -> String {
     if log {
         let power = 10f64.powf(value);
         return if (1e-3..1e5).contains(&power) {
-            short(power)
+            // Three digits that count.
+            let unit = 10f64.powf(value.floor() - 2.0);
+            short((power / unit).round() * unit)
         } else {
-            format!("{power:.0e}")
+            format!("{power:.1e}")
         };
     }
     short(value)
@@ -263,9 +265,13 @@ fn draw_chart(chart: &Chart, area: &Area) -> Result<(), PlotError> {
     for series in &chart.series {
         draw_series(&mut frame, series, chart.log)?;
     }
-    for (at, text) in &chart.notes {
+    for (i, (at, text)) in chart.notes.iter().enumerate() {
         let at = (drawn(at[0], log_x), drawn(at[1], log_y));
-        let label = EmptyElement::at(at) + Text::new(text.clone(), (7, -6), (FONT, TEXT - 2));
+        // Towards the middle, and neighbours at different heights, so that less of the text is cut or covered.
+        let left = at.0 > 0.5 * (x.start + x.end);
+        let wide = (0.5 * f64::from(TEXT - 2) * text.len() as f64) as i32;
+        let shift = (if left { -wide - 8 } else { 9 }, [-22, 8, -7][i % 3]);
+        let label = EmptyElement::at(at) + Text::new(text.clone(), shift, (FONT, TEXT - 2));
         frame.draw_series([label]).map_err(why)?;
     }
     if chart.series.iter().any(|s| !s.label.is_empty()) {

@@ -223,7 +223,8 @@ fn a_named_method_is_run_or_refused() {
                 // Each quantity is carried once; the wind is projected after, and cloudy air's heat corrected.
                 for field in [Field::NextHeat, Field::NextWater, Field::NextVelocityZ] {
                     let writers = plan.phase(Phase::Stage).into_iter().filter(|p| {
-                        p.info().writes.contains(&field) && ![Pass::Project, Pass::CloudyAscent, Pass::FixWater].contains(p)
+                        p.info().writes.contains(&field)
+                            && ![Pass::Project, Pass::CloudyAscent, Pass::FixWater].contains(p)
                     });
                     assert_eq!(writers.count(), 1, "{wanted}: {}", field.name());
                 }

@@ -1,7 +1,7 @@
 //! What the rungs are run on.
 
 use serde_json::{Value, json};
-use welkin_proto::scene::{Accuracy, BaseState, Scene};
+use welkin_proto::scene::{Accuracy, BaseState, Pressure, Scene};
 use welkin_proto::{ApiError, presets};
 use welkin_shaders::catalogue::{Field, Ladder};
 
@@ -12,7 +12,7 @@ use crate::world::World;
 /// Makes a case, with its truth.
 type Make = fn(&Context) -> Result<Case, LadderError>;
 
-pub(super) const ALL: &[Make] = &[carried_blob, dry_bubble, cumulus];
+pub(super) const ALL: &[Make] = &[carried_blob, dry_bubble, solved_bubble, cumulus];
 
 /// Warmth of the blob that is carried, K: so little that it does not lift itself within the run.
 const BLOB_K: f64 = 1e-4;
@@ -101,14 +101,8 @@ fn blob(world: &World) -> Vec<f32> {
 
 /// The dry bubble at 200 m against our own run at 50 m (100 m if quick), averaged to the coarse cells.
 fn dry_bubble(context: &Context) -> Result<Case, LadderError> {
-    let scene_at = |cell_m: f64| -> Result<Scene, LadderError> {
-        let mut scene = presets::find("dry-bubble")?;
-        scene.domain.cells = [(20_000.0 / cell_m) as u32, 1, (10_000.0 / cell_m) as u32];
-        scene.domain.cell_size_m = [cell_m; 3];
-        Ok(scene)
-    };
     let finer = if context.quick { 2 } else { 4 };
-    let coarse = scene_at(200.0)?;
+    let coarse = bubble_at(200.0)?;
     let mut case = Case {
         name: "dry-bubble",
         what: format!(
@@ -116,20 +110,16 @@ fn dry_bubble(context: &Context) -> Result<Case, LadderError> {
             200 / finer
         ),
         error: "relative error of theta' (root mean square)",
-        ladders: &[Ladder::Advection, Ladder::Pressure, Ladder::Subgrid],
+        ladders: &[Ladder::Advection, Ladder::Subgrid],
         scene: coarse,
         tick_s: 20.0,
         end_s: 1000.0,
         start: start_as_it_is,
-        watch: |world, kept| {
-            keep_last_heat(world, kept);
-            let w = extremes(&field(world, Field::VelocityZ));
-            kept.push(w.to_vec());
-        },
+        watch: keep_last_heat_and_updraught,
         judge: Box::new(|_| (f64::NAN, Value::Null)),
         chance: None,
     };
-    let mut fine = scene_at(200.0 / finer as f64)?;
+    let mut fine = bubble_at(200.0 / finer as f64)?;
     fine.accuracy = Accuracy::Reference;
     let nx = fine.domain.cells[0] as usize;
     let truth = run(context, &case, fine, "dry-bubble: the truth")?
@@ -140,6 +130,49 @@ fn dry_bubble(context: &Context) -> Result<Case, LadderError> {
     case.judge = Box::new(move |kept| {
         let figures = json!({ "updraught_max_m_s": kept[1][1], "updraught_max_of_truth_m_s": w[1] });
         (relative(&kept[0], &means), figures)
+    });
+    Ok(case)
+}
+
+/// The bubble's scene with square cells.
+fn bubble_at(cell_m: f64) -> Result<Scene, LadderError> {
+    let mut scene = presets::find("dry-bubble")?;
+    scene.domain.cells = [(20_000.0 / cell_m) as u32, 1, (10_000.0 / cell_m) as u32];
+    scene.domain.cell_size_m = [cell_m; 3];
+    Ok(scene)
+}
+
+fn keep_last_heat_and_updraught(world: &World, kept: &mut Vec<Vec<f64>>) {
+    keep_last_heat(world, kept);
+    kept.push(extremes(&field(world, Field::VelocityZ)).to_vec());
+}
+
+/// What a pressure solver leaves undone: the same bubble on the same grid, against the direct solve.
+fn solved_bubble(context: &Context) -> Result<Case, LadderError> {
+    let cell_m = if context.quick { 200.0 } else { 100.0 };
+    let mut scene = bubble_at(cell_m)?;
+    scene.methods.pressure = Some(Pressure::Direct {});
+    let mut case = Case {
+        name: "solved-bubble",
+        what: format!(
+            "the dry bubble of Bryan and Fritsch (2002) at {cell_m:.0} m to 1000 s; the truth is the direct solve on the same grid,              which therefore has no error here"
+        ),
+        error: "relative error of theta' (root mean square)",
+        ladders: &[Ladder::Pressure],
+        scene: scene.clone(),
+        tick_s: 20.0,
+        end_s: 1000.0,
+        start: start_as_it_is,
+        watch: keep_last_heat_and_updraught,
+        judge: Box::new(|_| (f64::NAN, Value::Null)),
+        chance: None,
+    };
+    let truth = run(context, &case, scene, "solved-bubble: the truth")?
+        .map_err(|_| LadderError::Reference("solved-bubble"))?
+        .kept;
+    case.judge = Box::new(move |kept| {
+        let figures = json!({ "updraught_max_m_s": kept[1][1], "updraught_max_of_truth_m_s": truth[1][1] });
+        (relative(&kept[0], &truth[0]), figures)
     });
     Ok(case)
 }

@@ -1,4 +1,4 @@
-//! Error beside cost, one panel a case and ladder.
+//! Error beside cost, one panel a case and ladder; an error of less than 1e-6 is drawn there.
 
 use super::Report;
 use crate::plot::{self, Chart, Mark, Panel, PlotError, Series};
@@ -15,16 +15,17 @@ pub fn png(report: &Report) -> Result<Vec<u8>, PlotError> {
         }
         for ladder in ladders {
             let rows = || case.rows.iter().filter(|r| r.ladder == ladder);
-            let point = |ms: Option<f64>, error: Option<f64>| ms.zip(error).map(|(ms, error)| [ms, error.max(1e-9)]);
+            let point = |ms: Option<f64>, error: Option<f64>| ms.zip(error).map(|(ms, error)| [ms, error.max(1e-6)]);
             let all: Vec<[f64; 2]> = rows().filter_map(|r| point(r.ms_per_tick, r.error)).collect();
             let mut front: Vec<[f64; 2]> = rows()
                 .filter(|r| r.pareto)
                 .filter_map(|r| point(r.ms_per_tick, r.error))
                 .collect();
             front.sort_by(|a, b| a[0].total_cmp(&b[0]));
-            let notes = rows()
+            let mut notes: Vec<([f64; 2], String)> = rows()
                 .filter_map(|r| point(r.ms_per_tick, r.error).map(|at| (at, r.rung.clone())))
                 .collect();
+            notes.sort_by(|a, b| a.0[0].total_cmp(&b.0[0]));
             let mut series = vec![
                 Series::line("", 0, all).drawn(Mark::Dots),
                 Series::line("", 1, front.clone()).drawn(Mark::Rings),
