@@ -6,7 +6,7 @@ use welkin_proto::ApiError;
 use welkin_shaders::Device;
 use welkin_shaders::cpu::Cpu;
 use welkin_shaders::cpu::sim::Parameters;
-use welkin_shaders::gpu::{AdapterChoice, Context, Gpu, GpuError};
+use welkin_shaders::gpu::{AdapterChoice, Context, Gpu, GpuError, ViewStages};
 
 use crate::plan::Plan;
 
@@ -43,6 +43,8 @@ pub enum Compute {
 pub struct Adapter {
     choice: AdapterChoice,
     open: Arc<Mutex<Arc<Context>>>,
+    // The stages of pictures, compiled once for all worlds.
+    stages: Arc<Mutex<Option<Arc<ViewStages>>>>,
 }
 
 impl Adapter {
@@ -51,12 +53,27 @@ impl Adapter {
         Ok(Self {
             choice,
             open: Arc::new(Mutex::new(context)),
+            stages: Arc::default(),
         })
     }
 
     /// The adapter as it is open now.
     pub fn context(&self) -> Arc<Context> {
         self.open.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// The stages of light and view, compiled for the adapter as it is open now. Errors: those of [`ViewStages::new`].
+    pub fn view_stages(&self) -> Result<Arc<ViewStages>, GpuError> {
+        let context = self.context();
+        let mut kept = self.stages.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*kept {
+            Some(stages) if Arc::ptr_eq(stages.context(), &context) => Ok(stages.clone()),
+            _ => {
+                let stages = Arc::new(ViewStages::new(context)?);
+                *kept = Some(stages.clone());
+                Ok(stages)
+            }
+        }
     }
 
     /// Opens the adapter again if `lost` is still the one that is open; worlds that come later find it open. Errors: those of

@@ -8,7 +8,7 @@ use welkin_proto::wire::{FrameFormat, PlanReport};
 use welkin_proto::{ApiError, Camera};
 use welkin_shaders::CloudVolume;
 use welkin_shaders::cpu::view::{Detail, Ground, Prepared, ViewSettings, render_watched};
-use welkin_shaders::gpu::{Context, GpuView};
+use welkin_shaders::gpu::GpuView;
 
 use crate::machine::{Adapter, Compute, gpu_failure};
 use crate::world::Snapshot;
@@ -39,7 +39,7 @@ enum Painter {
     Cpu(Box<Prepared>),
     Gpu {
         adapter: Adapter,
-        view: Option<(Arc<Context>, Box<GpuView>)>,
+        view: Option<Box<GpuView>>,
     },
 }
 
@@ -55,12 +55,12 @@ impl Painter {
             Painter::Gpu { adapter, view } => {
                 let context = adapter.context();
                 let made = match view.take() {
-                    Some((theirs, made)) if Arc::ptr_eq(&theirs, &context) => Ok(made),
-                    _ => GpuView::new(context.clone()).map(Box::new),
+                    Some(made) if Arc::ptr_eq(made.context(), &context) => Ok(made),
+                    _ => adapter.view_stages().and_then(GpuView::new).map(Box::new),
                 };
                 let painted = made.and_then(|mut made| {
                     let rgb8 = made.render(volume, settings, after)?;
-                    *view = Some((context.clone(), made));
+                    *view = Some(made);
                     Ok(rgb8)
                 });
                 painted.map_err(|error| {

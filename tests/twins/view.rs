@@ -13,6 +13,9 @@ use std::sync::Arc;
 
 use adapter::adapter;
 use common::{Random, ball, cumulus_field, settings, sun, volume};
+use welkin_server::machine::Compute;
+use welkin_server::picture::{self, Renderer};
+use welkin_server::world::World;
 use welkin_shaders::catalogue::{VIEW_STAGES, Within};
 use welkin_shaders::cpu::light::Atmosphere;
 use welkin_shaders::cpu::light::multiple_scattering_table::MultipleScatteringTable;
@@ -26,7 +29,7 @@ use welkin_shaders::cpu::view::occupancy::Occupancy;
 use welkin_shaders::cpu::view::shape::Shape;
 use welkin_shaders::cpu::view::{Detail, Ground, Prepared, ViewSettings, render};
 use welkin_shaders::gpu::view_stages::{Air, ShapeGrid, SkyLightAsk, SkyView, SunMarch, ViewStages};
-use welkin_shaders::gpu::{Context, GpuView};
+use welkin_shaders::gpu::{Context, GpuError, GpuView};
 use welkin_shaders::view::Slab;
 use welkin_shaders::{CloudVolume, Grid};
 
@@ -40,7 +43,7 @@ struct Pair {
 /// What a stage needs beside its input.
 struct Bench {
     context: Arc<Context>,
-    stages: ViewStages,
+    stages: Arc<ViewStages>,
     random: Random,
 }
 
@@ -373,7 +376,7 @@ const HEIGHT: usize = 90;
 
 fn pictures(bench: &mut Bench, volume: Option<&CloudVolume>, views: &[(&str, ViewSettings)]) -> Vec<Pair> {
     let mut prepared = Prepared::new();
-    let mut gpu_view = GpuView::new(bench.context.clone()).unwrap();
+    let mut gpu_view = GpuView::new(bench.stages.clone()).unwrap();
     views
         .iter()
         .map(|(name, view)| {
@@ -572,7 +575,7 @@ fn every_stage_of_the_view_agrees_with_its_twin() {
     };
     let only = std::env::var("WELKIN_STAGE").ok();
     let mut bench = Bench {
-        stages: ViewStages::new(context.clone()).unwrap(),
+        stages: Arc::new(ViewStages::new(context.clone()).unwrap()),
         context,
         random: Random(20_261_122),
     };
@@ -627,4 +630,103 @@ fn every_stage_of_the_view_agrees_with_its_twin() {
         }
     }
     assert!(wrong.is_empty(), "too far apart:\n{}", wrong.join("\n"));
+}
+
+/// Tables and buffers that one picture leaves to the next: larger and smaller clouds, other suns, other air, no cloud.
+#[test]
+fn what_a_gpu_view_keeps_changes_no_byte() {
+    let Some(context) = adapter("what_a_gpu_view_keeps_changes_no_byte") else {
+        return;
+    };
+    let stages = Arc::new(ViewStages::new(context).unwrap());
+    let (field, thick) = (cumulus_field(7, 12), ball(1500.0, 300.0, 0.06));
+    let small = settings(48, 27);
+    let mut low = small;
+    low.sun_direction = sun(8.0, 40.0);
+    let mut dusty = small;
+    dusty.visibility_m = Some(9_000.0);
+    let mut wide = settings(72, 40);
+    wide.detail = None;
+    wide.ground = Ground::Sea;
+    let series = [
+        (Some(&thick), small),
+        (Some(&field), small),
+        (Some(&field), low),
+        (Some(&thick), wide),
+        (None, small),
+        (Some(&thick), dusty),
+        (Some(&field), small),
+    ];
+    let mut kept = GpuView::new(stages.clone()).unwrap();
+    for (n, (volume, view)) in series.into_iter().enumerate() {
+        let with = kept.render(volume, &view, &mut |_| {}).unwrap();
+        let mut fresh = GpuView::new(stages.clone()).unwrap();
+        assert!(with == fresh.render(volume, &view, &mut |_| {}).unwrap(), "picture {n}");
+        let mut ran = Vec::new();
+        let again = kept.render(volume, &view, &mut |stage| ran.push(stage)).unwrap();
+        assert!(again == with, "picture {n}, again");
+        assert_eq!(ran, ["march"], "picture {n}, again");
+    }
+}
+
+#[test]
+fn a_cloud_that_is_too_large_is_refused_and_leaves_the_view_sound() {
+    let Some(context) = adapter("a_cloud_that_is_too_large_is_refused_and_leaves_the_view_sound") else {
+        return;
+    };
+    let mut view = GpuView::new(Arc::new(ViewStages::new(context).unwrap())).unwrap();
+    let grid = Grid {
+        cells: [1100, 1, 3],
+        cell_size_m: [50.0; 3],
+    };
+    let long = volume(grid, vec![0.02; grid.len()]);
+    let settings = settings(32, 18);
+    let refused = view.render(Some(&long), &settings, &mut |_| {});
+    assert!(matches!(refused, Err(GpuError::TooLarge { .. })), "{refused:?}");
+    let cloud = ball(1500.0, 300.0, 0.06);
+    let drawn = view.render(Some(&cloud), &settings, &mut |_| {}).unwrap();
+    let cpu = render(Some(&cloud), &settings, &mut Prepared::new());
+    assert!(drawn.iter().zip(&cpu).all(|(a, b)| a.abs_diff(*b) <= 3));
+}
+
+/// The server's renderer draws on the device that was chosen: the same world, its cloud and the stages' times; and on the adapter opened
+/// again after it was lost.
+#[test]
+fn the_servers_renderer_draws_on_the_gpu() {
+    if adapter("the_servers_renderer_draws_on_the_gpu").is_none() {
+        return;
+    }
+    let mut scene = welkin_proto::presets::find("warm-bubble").unwrap();
+    scene.domain.cells = [16, 16, 20];
+    let mut world = World::new(scene, None).unwrap();
+    world.tick();
+    let mut snapshot = world.snapshot();
+    snapshot.volume = Some(Arc::new(ball(1500.0, 500.0, 0.05)));
+    let camera = world.scene().camera.clone();
+    let compute = Compute::choose("gpu").unwrap();
+    let mut gpu = Renderer::new(&compute);
+    let mut cpu = Renderer::new(&Compute::Cpu);
+    let draw = |renderer: &mut Renderer| renderer.render(&snapshot, world.scene(), &camera, 64, 36);
+    let wanted = draw(&mut cpu).unwrap().rgb8;
+    let near = |drawn: &[u8]| {
+        let far = drawn.iter().zip(&wanted).filter(|(a, b)| a.abs_diff(**b) > 1).count();
+        assert!(
+            drawn.len() == wanted.len() && far * 200 < wanted.len(),
+            "{far} values are off"
+        );
+    };
+    near(&draw(&mut gpu).unwrap().rgb8);
+    let mut plan = world.plan_report();
+    picture::put_times(&mut plan, gpu.times());
+    let march = plan.passes.iter().find(|p| p.stage == "march").unwrap();
+    assert!(march.runs == 1 && march.mean_ms.unwrap() > 0.0);
+
+    compute.context().unwrap().device.destroy();
+    let lost = draw(&mut gpu).err().expect("a picture on a destroyed device");
+    // Whichever is noticed first: the loss, or what the destroyed device refuses.
+    assert!(
+        ["device_lost", "device_error"].contains(&lost.code.as_ref()),
+        "{lost:?}"
+    );
+    near(&draw(&mut gpu).unwrap().rgb8);
 }

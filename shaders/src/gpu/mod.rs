@@ -20,6 +20,7 @@ pub use device::Gpu;
 pub use error::GpuError;
 pub use kernel::{Bind, Kernel};
 pub use view::GpuView;
+pub use view_stages::ViewStages;
 
 use crate::cpu::sim::{advect, cloud_extinction, reduce_cloud, saturation_adjustment, surface_flux};
 use crate::cpu::{light, view as view_twins};

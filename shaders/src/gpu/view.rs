@@ -57,7 +57,7 @@ struct AirTables {
 /// Draws pictures on a GPU; keeps what pictures of the same tick or sky share.
 pub struct GpuView {
     context: Arc<Context>,
-    stages: ViewStages,
+    stages: Arc<ViewStages>,
     blank: wgpu::Buffer,
     noise: Option<wgpu::Buffer>,
     air: Option<(crate::cpu::light::Atmosphere, AirTables)>,
@@ -71,9 +71,14 @@ pub struct GpuView {
 }
 
 impl GpuView {
-    /// Compiles the stages. Errors: `Shader`, and those of memory and loss.
-    pub fn new(context: Arc<Context>) -> Result<GpuView, GpuError> {
-        let stages = ViewStages::new(context.clone())?;
+    /// The adapter that it draws on.
+    pub fn context(&self) -> &Arc<Context> {
+        &self.context
+    }
+
+    /// Draws by compiled stages, on their adapter. Errors: those of memory and loss.
+    pub fn new(stages: Arc<ViewStages>) -> Result<GpuView, GpuError> {
+        let context = stages.context().clone();
         let blank = context.storage("an empty table", 64)?;
         let frame = context.uniform("the frame", bytemuck::bytes_of(&ViewFrame::default()))?;
         Ok(GpuView {
@@ -103,10 +108,22 @@ impl GpuView {
         settings: &ViewSettings,
         after: &mut dyn FnMut(&'static str),
     ) -> Result<Vec<u8>, GpuError> {
-        let (width, height) = (settings.width, settings.height);
-        if width == 0 || height == 0 {
+        if settings.width == 0 || settings.height == 0 {
             return Ok(Vec::new());
         }
+        self.draw(volume, settings, after).map_err(|error| match error {
+            // A device that is gone refuses first and is reported lost when it is asked.
+            GpuError::Other { .. } => self.context.wait().err().unwrap_or(error),
+            error => error,
+        })
+    }
+
+    fn draw(
+        &mut self,
+        volume: Option<&CloudVolume>,
+        settings: &ViewSettings,
+        after: &mut dyn FnMut(&'static str),
+    ) -> Result<Vec<u8>, GpuError> {
         let look = Look::new(settings, volume.map_or([0.0; 3], |v| v.air_displacement_m));
         self.prepare_noise(after)?;
         self.prepare_air(&look, after)?;

@@ -339,6 +339,7 @@ impl ShapeGrid {
 }
 
 /// The stages of light and view, compiled.
+#[derive(Debug)]
 pub struct ViewStages {
     context: Arc<Context>,
     transmittance: Kernel,
@@ -416,6 +417,11 @@ impl ViewStages {
             no_cloud: c.uniform("no cloud", bytemuck::bytes_of(&ShapeGrid::default()))?,
             context,
         })
+    }
+
+    /// The adapter that they are compiled for.
+    pub fn context(&self) -> &Arc<Context> {
+        &self.context
     }
 
     fn submit(&self, record: impl FnOnce(&mut wgpu::ComputePass<'_>)) -> Result<(), GpuError> {
