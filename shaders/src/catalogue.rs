@@ -334,8 +334,10 @@ macro_rules! rungs {
     };
 }
 
-/// On the CPU alone for now.
-const NO_SHADER: Devices = Devices::CpuOnly("its shaders are not written yet");
+/// Where multigrid is there.
+const MULTIGRID_DEVICES: Devices = Devices::CpuOnly(
+    "on a GPU the direct solver moves 60 bytes a cell in five dispatches and leaves nothing but rounding; a single cycle would move 120 in dozens, most of them too small to fill it",
+);
 /// One stage spans a substep of any length that trajectories can follow.
 const SEMI_LAGRANGIAN: Option<Advance> = Some(Advance {
     courant_max: 50.0,
@@ -343,25 +345,25 @@ const SEMI_LAGRANGIAN: Option<Advance> = Some(Advance {
 });
 
 rungs! {
-    SemiLagrangianLinear Advection "semi_lagrangian_linear" NO_SHADER, SEMI_LAGRANGIAN,
+    SemiLagrangianLinear Advection "semi_lagrangian_linear" Devices::Both, SEMI_LAGRANGIAN,
         "looks back along the wind, interpolates linearly"
         keeps "extrema, and total water by a fixer; not heat, and it smears what is a few cells wide";
-    MacCormack Advection "mac_cormack" NO_SHADER, SEMI_LAGRANGIAN,
+    MacCormack Advection "mac_cormack" Devices::Both, SEMI_LAGRANGIAN,
         "semi-Lagrangian there and back, corrected by half the difference, limited"
         keeps "extrema, and total water by a fixer; not heat";
-    SemiLagrangianCubic Advection "semi_lagrangian_cubic" NO_SHADER, SEMI_LAGRANGIAN,
+    SemiLagrangianCubic Advection "semi_lagrangian_cubic" Devices::Both, SEMI_LAGRANGIAN,
         "looks back along the wind, interpolates by cubics, limited"
         keeps "extrema, and total water by a fixer; not heat";
     FluxForm Advection "flux_form" Devices::Both, Some(Advance { courant_max: 1.4, stages: 3 }),
         "fluxes through faces, fifth order and WENO5, three-stage Runge-Kutta"
         keeps "mass-weighted sums of heat and water to rounding; extrema nearly";
-    Jacobi Pressure "jacobi" NO_SHADER, None,
+    Jacobi Pressure "jacobi" Devices::Both, None,
         "sweeps that each take the mean of the neighbours"
         keeps "some divergence, the more the fewer sweeps";
-    RedBlackSor Pressure "red_black_sor" NO_SHADER, None,
+    RedBlackSor Pressure "red_black_sor" Devices::Both, None,
         "sweeps over the columns of a chessboard's two colours, over-relaxed"
         keeps "some divergence, less than Jacobi at the same cost";
-    Multigrid Pressure "multigrid" NO_SHADER, None,
+    Multigrid Pressure "multigrid" MULTIGRID_DEVICES, None,
         "V-cycles over grids ever coarser in x and y, columns relaxed as a whole"
         keeps "little divergence, a tenth or less of it a cycle";
     Direct Pressure "direct" Devices::Both, None,
@@ -370,7 +372,7 @@ rungs! {
     NoSubgrid Subgrid "none" Devices::Both, None,
         "nothing mixes but what the grid resolves"
         keeps "all";
-    ConstantViscosity Subgrid "constant_viscosity" NO_SHADER, None,
+    ConstantViscosity Subgrid "constant_viscosity" Devices::Both, None,
         "one viscosity and one diffusivity everywhere"
         keeps "sums of momentum, heat and water";
     SmagorinskyLilly Subgrid "smagorinsky_lilly" Devices::Both, None,
@@ -465,6 +467,23 @@ const SPECTRAL: (f64, &str) = (
     "another order of summation in the transforms, and twiddles by table",
 );
 
+const INTERPOLATED: (f64, &str) = (
+    3e-6,
+    "means of eight values or 64, weighed by fractions of a cell, summed in another order",
+);
+const SUMMED: (f64, &str) = (
+    1e-6,
+    "sums over levels in single precision, of what advection changed, and the rounding of the one factor",
+);
+const SWEPT: (f64, &str) = (
+    1e-5,
+    "the implicit scheme divides by the substep what its sweeps changed, a small difference of large numbers",
+);
+const ITERATED: (f64, &str) = (
+    1e-5,
+    "means over levels are summed in single precision and another order; sweeps carry rounding on and damp it",
+);
+
 macro_rules! passes {
     ($($id:ident $name:literal $phase:ident needs [$($need:ident),*] unless $unless:expr, $(rungs [$($rung:ident),*],)? reads [$($read:ident),*] writes [$($write:ident),*] within $tolerance:ident $what:literal;)*) => {
         /// A pass: a stage applied to named fields, in the order in which passes run.
@@ -507,11 +526,11 @@ passes! {
     DiffuseWater "diffuse_scalar:water" Step needs [Turbulence, Moisture] unless None, rungs [SmagorinskyLilly],
         reads [Water, EddyViscosity] writes [SlowWater] within DIFFERENCES "mixing of water by eddies smaller than a cell";
     ConstantViscosityMomentum "constant_viscosity:momentum" Step needs [ConstantViscosity] unless None, rungs [ConstantViscosity],
-        reads [VelocityX, VelocityY, VelocityZ] writes [SlowVelocityX, SlowVelocityY, SlowVelocityZ] within DIFFERENCES "mixing of momentum by one viscosity";
+        reads [VelocityX, VelocityY, VelocityZ] writes [SlowVelocityX, SlowVelocityY, SlowVelocityZ] within SWEPT "mixing of momentum by one viscosity";
     ConstantViscosityHeat "constant_viscosity:heat" Step needs [ConstantViscosity, Heat] unless None, rungs [ConstantViscosity],
-        reads [Heat] writes [SlowHeat] within DIFFERENCES "mixing of heat by one diffusivity";
+        reads [Heat] writes [SlowHeat] within SWEPT "mixing of heat by one diffusivity";
     ConstantViscosityWater "constant_viscosity:water" Step needs [ConstantViscosity, Moisture] unless None, rungs [ConstantViscosity],
-        reads [Water] writes [SlowWater] within DIFFERENCES "mixing of water by one diffusivity";
+        reads [Water] writes [SlowWater] within SWEPT "mixing of water by one diffusivity";
     BodyForce "body_force" Step needs [BodyForce] unless None,
         reads [VelocityX, VelocityY, VelocityZ] writes [SlowVelocityX, SlowVelocityY, SlowVelocityZ] within SAME "a push within a part of the box, as of a fan";
     SurfaceFlux "surface_flux" Step needs [Surface] unless None,
@@ -542,23 +561,23 @@ passes! {
     CentreWind "centre_wind" Stage needs [Flow] unless None, rungs [SemiLagrangianLinear, MacCormack, SemiLagrangianCubic],
         reads [VelocityX, VelocityY, VelocityZ] writes [CentreVelocityX, CentreVelocityY, CentreVelocityZ] within SAME "the wind at centres, for trajectories";
     Departure "departure" Stage needs [Flow] unless None, rungs [SemiLagrangianLinear, MacCormack, SemiLagrangianCubic],
-        reads [CentreVelocityX, CentreVelocityY, CentreVelocityZ] writes [DepartureX, DepartureY, DepartureZ] within DIFFERENCES "where the air came from";
+        reads [CentreVelocityX, CentreVelocityY, CentreVelocityZ] writes [DepartureX, DepartureY, DepartureZ] within INTERPOLATED "where the air came from";
     Arrival "departure:ahead" Stage needs [Flow] unless None, rungs [MacCormack],
-        reads [CentreVelocityX, CentreVelocityY, CentreVelocityZ] writes [ArrivalX, ArrivalY, ArrivalZ] within DIFFERENCES "where the air will go";
+        reads [CentreVelocityX, CentreVelocityY, CentreVelocityZ] writes [ArrivalX, ArrivalY, ArrivalZ] within INTERPOLATED "where the air will go";
     LinearHeat "semi_lagrangian_linear:heat" Stage needs [Heat] unless None, rungs [SemiLagrangianLinear],
-        reads [Heat, SlowHeat, DepartureX, DepartureY, DepartureZ] writes [NextHeat] within DIFFERENCES "carries heat, linear interpolation";
+        reads [Heat, SlowHeat, DepartureX, DepartureY, DepartureZ] writes [NextHeat] within INTERPOLATED "carries heat, linear interpolation";
     MacCormackHeat "mac_cormack:heat" Stage needs [Heat] unless None, rungs [MacCormack],
-        reads [Heat, SlowHeat, DepartureX, DepartureY, DepartureZ, ArrivalX, ArrivalY, ArrivalZ] writes [Forward, ForwardLow, ForwardHigh, NextHeat] within DIFFERENCES "carries heat, there and back";
+        reads [Heat, SlowHeat, DepartureX, DepartureY, DepartureZ, ArrivalX, ArrivalY, ArrivalZ] writes [Forward, ForwardLow, ForwardHigh, NextHeat] within INTERPOLATED "carries heat, there and back";
     CubicHeat "semi_lagrangian_cubic:heat" Stage needs [Heat] unless None, rungs [SemiLagrangianCubic],
-        reads [Heat, SlowHeat, DepartureX, DepartureY, DepartureZ] writes [NextHeat] within DIFFERENCES "carries heat, cubic interpolation";
+        reads [Heat, SlowHeat, DepartureX, DepartureY, DepartureZ] writes [NextHeat] within INTERPOLATED "carries heat, cubic interpolation";
     LinearWater "semi_lagrangian_linear:water" Stage needs [Moisture] unless None, rungs [SemiLagrangianLinear],
-        reads [Water, SlowWater, DepartureX, DepartureY, DepartureZ] writes [NextWater] within DIFFERENCES "carries water, linear interpolation";
+        reads [Water, SlowWater, DepartureX, DepartureY, DepartureZ] writes [NextWater] within INTERPOLATED "carries water, linear interpolation";
     MacCormackWater "mac_cormack:water" Stage needs [Moisture] unless None, rungs [MacCormack],
-        reads [Water, SlowWater, DepartureX, DepartureY, DepartureZ, ArrivalX, ArrivalY, ArrivalZ] writes [Forward, ForwardLow, ForwardHigh, NextWater] within DIFFERENCES "carries water, there and back";
+        reads [Water, SlowWater, DepartureX, DepartureY, DepartureZ, ArrivalX, ArrivalY, ArrivalZ] writes [Forward, ForwardLow, ForwardHigh, NextWater] within INTERPOLATED "carries water, there and back";
     CubicWater "semi_lagrangian_cubic:water" Stage needs [Moisture] unless None, rungs [SemiLagrangianCubic],
-        reads [Water, SlowWater, DepartureX, DepartureY, DepartureZ] writes [NextWater] within DIFFERENCES "carries water, cubic interpolation";
+        reads [Water, SlowWater, DepartureX, DepartureY, DepartureZ] writes [NextWater] within INTERPOLATED "carries water, cubic interpolation";
     FixWater "mass_fixer:water" Stage needs [Moisture] unless None, rungs [SemiLagrangianLinear, MacCormack, SemiLagrangianCubic],
-        reads [Water, SlowWater] writes [NextWater] within DIFFERENCES "gives total water its sum again, in proportion to what is there";
+        reads [Water, SlowWater] writes [NextWater] within SUMMED "gives total water its sum again, in proportion to what is there";
     CloudyAscent "cloudy_ascent" Stage needs [Moisture] unless None, rungs [SaturationAdjustment],
         reads [VelocityZ, CloudWater] writes [NextHeat] within SAME "what liquid-water potential temperature loses as cloudy air rises; after it has been carried";
     SaturationNext "saturation_adjustment:next" Stage needs [Moisture] unless None, rungs [SaturationAdjustment, SemiLagrangianLinear, MacCormack, SemiLagrangianCubic],
@@ -566,31 +585,31 @@ passes! {
     DryBuoyancyNext "dry_buoyancy:next" Stage needs [Heat] unless Some(Effect::Moisture), rungs [SemiLagrangianLinear, MacCormack, SemiLagrangianCubic],
         reads [NextHeat] writes [Buoyancy] within SAME "buoyancy from potential temperature at the substep's end";
     LinearVelocityX "semi_lagrangian_linear:velocity_x" Stage needs [Flow] unless None, rungs [SemiLagrangianLinear],
-        reads [VelocityX, SlowVelocityX, DepartureX, DepartureY, DepartureZ] writes [NextVelocityX] within DIFFERENCES "carries velocity x, linear interpolation";
+        reads [VelocityX, SlowVelocityX, DepartureX, DepartureY, DepartureZ] writes [NextVelocityX] within INTERPOLATED "carries velocity x, linear interpolation";
     MacCormackVelocityX "mac_cormack:velocity_x" Stage needs [Flow] unless None, rungs [MacCormack],
-        reads [VelocityX, SlowVelocityX, DepartureX, DepartureY, DepartureZ, ArrivalX, ArrivalY, ArrivalZ] writes [Forward, ForwardLow, ForwardHigh, NextVelocityX] within DIFFERENCES "carries velocity x, there and back";
+        reads [VelocityX, SlowVelocityX, DepartureX, DepartureY, DepartureZ, ArrivalX, ArrivalY, ArrivalZ] writes [Forward, ForwardLow, ForwardHigh, NextVelocityX] within INTERPOLATED "carries velocity x, there and back";
     CubicVelocityX "semi_lagrangian_cubic:velocity_x" Stage needs [Flow] unless None, rungs [SemiLagrangianCubic],
-        reads [VelocityX, SlowVelocityX, DepartureX, DepartureY, DepartureZ] writes [NextVelocityX] within DIFFERENCES "carries velocity x, cubic interpolation";
+        reads [VelocityX, SlowVelocityX, DepartureX, DepartureY, DepartureZ] writes [NextVelocityX] within INTERPOLATED "carries velocity x, cubic interpolation";
     LinearVelocityY "semi_lagrangian_linear:velocity_y" Stage needs [Flow] unless None, rungs [SemiLagrangianLinear],
-        reads [VelocityY, SlowVelocityY, DepartureX, DepartureY, DepartureZ] writes [NextVelocityY] within DIFFERENCES "carries velocity y, linear interpolation";
+        reads [VelocityY, SlowVelocityY, DepartureX, DepartureY, DepartureZ] writes [NextVelocityY] within INTERPOLATED "carries velocity y, linear interpolation";
     MacCormackVelocityY "mac_cormack:velocity_y" Stage needs [Flow] unless None, rungs [MacCormack],
-        reads [VelocityY, SlowVelocityY, DepartureX, DepartureY, DepartureZ, ArrivalX, ArrivalY, ArrivalZ] writes [Forward, ForwardLow, ForwardHigh, NextVelocityY] within DIFFERENCES "carries velocity y, there and back";
+        reads [VelocityY, SlowVelocityY, DepartureX, DepartureY, DepartureZ, ArrivalX, ArrivalY, ArrivalZ] writes [Forward, ForwardLow, ForwardHigh, NextVelocityY] within INTERPOLATED "carries velocity y, there and back";
     CubicVelocityY "semi_lagrangian_cubic:velocity_y" Stage needs [Flow] unless None, rungs [SemiLagrangianCubic],
-        reads [VelocityY, SlowVelocityY, DepartureX, DepartureY, DepartureZ] writes [NextVelocityY] within DIFFERENCES "carries velocity y, cubic interpolation";
+        reads [VelocityY, SlowVelocityY, DepartureX, DepartureY, DepartureZ] writes [NextVelocityY] within INTERPOLATED "carries velocity y, cubic interpolation";
     LinearVelocityZ "semi_lagrangian_linear:velocity_z" Stage needs [Flow] unless None, rungs [SemiLagrangianLinear],
-        reads [VelocityZ, SlowVelocityZ, DepartureX, DepartureY, DepartureZ, Buoyancy] writes [NextVelocityZ] within DIFFERENCES "carries velocity z, linear interpolation";
+        reads [VelocityZ, SlowVelocityZ, DepartureX, DepartureY, DepartureZ, Buoyancy] writes [NextVelocityZ] within INTERPOLATED "carries velocity z, linear interpolation";
     MacCormackVelocityZ "mac_cormack:velocity_z" Stage needs [Flow] unless None, rungs [MacCormack],
-        reads [VelocityZ, SlowVelocityZ, DepartureX, DepartureY, DepartureZ, ArrivalX, ArrivalY, ArrivalZ, Buoyancy] writes [Forward, ForwardLow, ForwardHigh, NextVelocityZ] within DIFFERENCES "carries velocity z, there and back";
+        reads [VelocityZ, SlowVelocityZ, DepartureX, DepartureY, DepartureZ, ArrivalX, ArrivalY, ArrivalZ, Buoyancy] writes [Forward, ForwardLow, ForwardHigh, NextVelocityZ] within INTERPOLATED "carries velocity z, there and back";
     CubicVelocityZ "semi_lagrangian_cubic:velocity_z" Stage needs [Flow] unless None, rungs [SemiLagrangianCubic],
-        reads [VelocityZ, SlowVelocityZ, DepartureX, DepartureY, DepartureZ, Buoyancy] writes [NextVelocityZ] within DIFFERENCES "carries velocity z, cubic interpolation";
+        reads [VelocityZ, SlowVelocityZ, DepartureX, DepartureY, DepartureZ, Buoyancy] writes [NextVelocityZ] within INTERPOLATED "carries velocity z, cubic interpolation";
     PressureSolve "pressure_solve" Stage needs [Flow] unless None, rungs [Direct],
         reads [NextVelocityX, NextVelocityY, NextVelocityZ] writes [Pressure] within SPECTRAL "the pressure that frees the mass flux of divergence: FFT in x, y and tridiagonal in z";
     PressureJacobi "pressure_jacobi" Stage needs [Flow] unless None, rungs [Jacobi],
-        reads [NextVelocityX, NextVelocityY, NextVelocityZ, Pressure] writes [Pressure] within SPECTRAL "takes divergence from the mass flux: sweeps of Jacobi's method from the last pressure";
+        reads [NextVelocityX, NextVelocityY, NextVelocityZ, Pressure] writes [Pressure] within ITERATED "takes divergence from the mass flux: sweeps of Jacobi's method from the last pressure";
     PressureRedBlackSor "pressure_red_black_sor" Stage needs [Flow] unless None, rungs [RedBlackSor],
-        reads [NextVelocityX, NextVelocityY, NextVelocityZ, Pressure] writes [Pressure] within SPECTRAL "takes divergence from the mass flux: columns over-relaxed in two colours, from the last pressure";
+        reads [NextVelocityX, NextVelocityY, NextVelocityZ, Pressure] writes [Pressure] within ITERATED "takes divergence from the mass flux: columns over-relaxed in two colours, from the last pressure";
     PressureMultigrid "pressure_multigrid" Stage needs [Flow] unless None, rungs [Multigrid],
-        reads [NextVelocityX, NextVelocityY, NextVelocityZ, Pressure] writes [Pressure] within SPECTRAL "takes divergence from the mass flux: V-cycles over grids coarser in x and y, from the last pressure";
+        reads [NextVelocityX, NextVelocityY, NextVelocityZ, Pressure] writes [Pressure] within ITERATED "takes divergence from the mass flux: V-cycles over grids coarser in x and y, from the last pressure";
     Project "project" Stage needs [Flow] unless None,
         reads [Pressure] writes [NextVelocityX, NextVelocityY, NextVelocityZ] within SAME "subtracts the pressure gradient; the stage's result becomes the state";
     PublishSaturation "saturation_adjustment:publish" Publish needs [Moisture] unless None, rungs [SaturationAdjustment],

@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::context::Context;
-use super::dispatches::{Groups, Use, bytes_per_cell, dispatches, is_there};
+use super::dispatches::{Groups, Use, Work, bytes_per_cell, dispatches, is_there, sequence};
 use super::error::GpuError;
 use super::kernel::{Bind, Kernel};
 use super::pressure;
@@ -40,7 +40,11 @@ pub struct Gpu {
     steps_written: [Cell<Step>; 3],
     memory: Vec<Option<Memory>>,
     nothing: Vec<Memory>,
+    /// Working memory, where a pass of the plan uses it.
+    work: [Option<Memory>; Work::ALL.len()],
     slots: Vec<Vec<Option<Memory>>>,
+    /// The pressures that slots keep beside the state, for solvers that start from the last one, and whether they hold one.
+    kept_pressures: Vec<(Option<wgpu::Buffer>, bool)>,
     kernels: HashMap<(&'static str, &'static str), (usize, Arc<Kernel>)>,
     groups: RefCell<HashMap<GroupKey, wgpu::BindGroup>>,
     solver: Option<pressure::Solver>,
@@ -89,7 +93,26 @@ impl Gpu {
                 .entry((dispatch.module, dispatch.entry))
                 .or_insert((number, kernel));
         }
-        let solver = if planned.contains(&Field::Pressure) {
+        let mut work = [const { None }; Work::ALL.len()];
+        for &pass in passes {
+            // A substep so long that every kernel runs that a shorter one may ask for.
+            for at in sequence(pass, &parameters, 1e6) {
+                for kind in dispatches(pass)[at].uses.iter().filter_map(|u| u.work()) {
+                    let held: &mut Option<Memory> = &mut work[kind as usize];
+                    if held.is_none() {
+                        let bytes = match kind {
+                            Work::Levels => 16 * (grid.cells[2] as u64 + 1),
+                            Work::First | Work::Second => bytes,
+                        };
+                        *held = Some(Memory {
+                            buffer: context.storage("working memory", bytes)?,
+                            number: 220 + kind as u8,
+                        });
+                    }
+                }
+            }
+        }
+        let solver = if passes.contains(&Pass::PressureSolve) {
             Some(pressure::Solver::new(&context, &parameters)?)
         } else {
             None
@@ -106,7 +129,9 @@ impl Gpu {
             profiles,
             memory,
             nothing,
+            work,
             slots: Vec::new(),
+            kept_pressures: Vec::new(),
             kernels,
             groups: RefCell::default(),
             solver,
@@ -157,6 +182,11 @@ impl Gpu {
             Groups::Cells => [across, 1, levels],
             Groups::Climbs => [across, 1, levels.div_ceil(holds::LEVELS_PER_THREAD)],
             Groups::Ground => [across, 1, 1],
+            Groups::HalfGround => [across.div_ceil(2), 1, 1],
+            Groups::HalfColumn => [(self.parameters.grid.cells[1] / 2).div_ceil(64) as u32, 1, 1],
+            Groups::HalfRow => [(self.parameters.grid.cells[0] / 2).div_ceil(64) as u32, 1, 1],
+            Groups::Levels => [levels, 1, 1],
+            Groups::One => [1, 1, 1],
         }
     }
 
@@ -167,6 +197,8 @@ impl Gpu {
             .enumerate()
             .map(|(n, u)| match *u {
                 Use::Start(_, start) if stage > 0 => self.memory(start, n),
+                Use::Held(held, state) if !self.holds(held) => self.memory(state, n),
+                Use::Reads(kind) | Use::Writes(kind) => self.work[kind as usize].as_ref().unwrap_or(&self.nothing[n]),
                 u => u.field().map_or(&self.nothing[n], |f| self.memory(f, n)),
             })
             .collect();
@@ -185,7 +217,8 @@ impl Gpu {
             .clone()
     }
 
-    fn run_kernels(&self, pass: Pass, stage: usize) {
+    fn run_kernels(&self, pass: Pass, substep: &Substep) {
+        let stage = substep.stage;
         let timing = self.readback.borrow_mut().begin_pass(pass);
         self.record(|encoder| {
             let mut compute = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
@@ -204,12 +237,13 @@ impl Gpu {
                     &self.memory(Field::Pressure, 0).buffer,
                 );
             }
-            for dispatch in dispatches(pass) {
+            for at in sequence(pass, &self.parameters, substep.substep_s) {
+                let dispatch = &dispatches(pass)[at];
                 // A kernel whose result nobody holds has nothing to do.
                 let wanted = dispatch
                     .uses
                     .iter()
-                    .any(|u| u.bind() == Bind::Write && u.field().is_some_and(|f| self.holds(f)));
+                    .any(|u| u.bind() == Bind::Write && u.field().is_none_or(|f| self.holds(f)));
                 let Some((number, kernel)) = self.kernels.get(&(dispatch.module, dispatch.entry)) else {
                     continue;
                 };
@@ -219,6 +253,16 @@ impl Gpu {
                 }
             }
         });
+    }
+
+    /// The pressure, where the solver starts from the last one and a continuation needs it.
+    fn lasting_pressure(&self) -> Option<wgpu::Buffer> {
+        let pressure = self.memory[Field::Pressure as usize].as_ref()?;
+        self.parameters
+            .methods
+            .pressure
+            .is_iterative()
+            .then(|| pressure.buffer.clone())
     }
 
     /// Records the copy of the state to a slot, or back.
@@ -274,7 +318,7 @@ impl Device for Gpu {
                 }
             });
         } else {
-            self.run_kernels(pass, substep.stage);
+            self.run_kernels(pass, substep);
         }
     }
 
@@ -367,9 +411,25 @@ impl Device for Gpu {
             self.slots.push(kept.collect());
         }
         self.copy_state(slot, true);
+        if let Some(pressure) = self.lasting_pressure() {
+            let bytes = pressure.size();
+            while self.kept_pressures.len() <= slot {
+                self.kept_pressures
+                    .push((self.context.storage("kept pressure", bytes).ok(), false));
+            }
+            if let (Some(kept), holds) = &mut self.kept_pressures[slot] {
+                *holds = true;
+                let kept = kept.clone();
+                self.record(|encoder| encoder.copy_buffer_to_buffer(&pressure, 0, &kept, 0, bytes));
+            }
+        }
     }
 
     fn save_start(&mut self, slot: usize) {
+        // The pressure that the substep started from is gone, and the one that it ended with may be what spoilt it.
+        if let Some((_, holds)) = self.kept_pressures.get_mut(slot) {
+            *holds = false;
+        }
         let Some(slot) = self.slots.get_mut(slot) else { return };
         for (field, kept) in Field::STATE.into_iter().zip(slot) {
             if let Some(start) = field.start()
@@ -388,6 +448,12 @@ impl Device for Gpu {
             .is_some_and(|kept| kept.iter().zip(held).all(|(kept, held)| kept.is_some() == held));
         if whole {
             self.copy_state(slot, false);
+            if let Some(pressure) = self.lasting_pressure() {
+                self.record(|encoder| match self.kept_pressures.get(slot) {
+                    Some((Some(kept), true)) => encoder.copy_buffer_to_buffer(kept, 0, &pressure, 0, pressure.size()),
+                    _ => encoder.clear_buffer(&pressure, 0, None),
+                });
+            }
             self.readback.borrow_mut().forget();
         }
         whole
@@ -395,7 +461,11 @@ impl Device for Gpu {
 
     fn saved_bytes(&self) -> usize {
         let kept = self.slots.iter().flatten().flatten();
-        kept.map(|m| m.buffer.size() as usize).sum()
+        let pressures = self.kept_pressures.iter().filter_map(|(kept, _)| kept.as_ref());
+        kept.map(|m| &m.buffer)
+            .chain(pressures)
+            .map(|b| b.size() as usize)
+            .sum()
     }
 
     fn set_parameters(&mut self, parameters: &Parameters) {
@@ -410,7 +480,8 @@ impl Device for Gpu {
     }
 
     fn solver_bytes(&self) -> usize {
-        self.solver.as_ref().map_or(0, pressure::Solver::bytes)
+        let work: usize = self.work.iter().flatten().map(|m| m.buffer.size() as usize).sum();
+        self.solver.as_ref().map_or(0, pressure::Solver::bytes) + work
     }
 
     fn lags(&self) -> bool {

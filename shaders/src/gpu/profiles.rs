@@ -1,7 +1,12 @@
 //! What a world's passes are told on the GPU: one uniform struct, one for each Runge-Kutta stage, and the profiles in one storage buffer.
 
 use crate::catalogue::Field;
-use crate::cpu::sim::{Parameters, body_force, cloud_extinction, cloudy_ascent, eddy_viscosity};
+use crate::cpu::sim::parameters::PressureMethod;
+use crate::cpu::sim::pressure_columns::Columns;
+use crate::cpu::sim::{
+    Parameters, body_force, cloud_extinction, cloudy_ascent, constant_viscosity, eddy_viscosity, pressure_jacobi,
+    pressure_red_black_sor,
+};
 use crate::device::Substep;
 
 crate::gpu_struct! {
@@ -17,6 +22,12 @@ crate::gpu_struct! {
         pub force_region: [[u32; 4]; 3],
         /// The body force's acceleration, m/s2, and its drag, 1/s.
         pub force: [f32; 4],
+        /// Constant viscosity of horizontal velocities, of w, and diffusivity of scalars, m2/s; the last is unused.
+        pub mixing: [f32; 4],
+        /// For the same the largest sum of a cell's couplings, 1/s; the last is unused.
+        pub mixing_rate_per_s: [f32; 4],
+        /// Couplings of the pressure's columns east and north, 1/m2 (0 along an axis of one cell), and the relaxation factor; the last is unused.
+        pub columns: [f32; 4],
         /// See [`Parameters::heat_reference_k`].
         pub heat_reference_k: f32,
         /// Viscosity over diffusivity.
@@ -109,6 +120,22 @@ profiles! {
     PROFILE_LENGTH_SQUARED = 16;
     /// What cloudy air loses of theta_l a metre of rise and unit of cloud water, at lower faces, K/m.
     PROFILE_CLOUDY_ASCENT = 17;
+    /// Jacobi's weight of the pressures west and east.
+    PROFILE_JACOBI_X = 18;
+    /// Jacobi's weight of those south and north.
+    PROFILE_JACOBI_Y = 19;
+    /// Jacobi's weight of the one below.
+    PROFILE_JACOBI_BELOW = 20;
+    /// Jacobi's weight of the one above.
+    PROFILE_JACOBI_ABOVE = 21;
+    /// Jacobi's weight of the source, m5/kg.
+    PROFILE_JACOBI_SOURCE = 22;
+    /// Coupling of a column's pressure to the one below, kg/m5.
+    PROFILE_COLUMN_BELOW = 23;
+    /// To the one above.
+    PROFILE_COLUMN_ABOVE = 24;
+    /// One over the pivots of a column's elimination, m5/kg.
+    PROFILE_COLUMN_PIVOT = 25;
 }
 
 /// Constants beside the profiles' places.
@@ -152,6 +179,31 @@ impl Sim {
                 let [x, y, z] = f.acceleration_m_s2;
                 [x, y, z, f.drag_per_s]
             }),
+            mixing: p.constant_viscosity.as_ref().map_or([0.0; 4], |m| {
+                [m.viscosity_m2_s, m.viscosity_m2_s, m.diffusivity_m2_s, 0.0]
+            }),
+            mixing_rate_per_s: p.constant_viscosity.as_ref().map_or([0.0; 4], |m| {
+                let rate =
+                    |coefficient, at_z_face| constant_viscosity::implicit_sweeps(p, coefficient, at_z_face, 1.0).0;
+                [
+                    rate(m.viscosity_m2_s, false),
+                    rate(m.viscosity_m2_s, true),
+                    rate(m.diffusivity_m2_s, false),
+                    0.0,
+                ]
+            }),
+            columns: match p.methods.pressure {
+                PressureMethod::RedBlackSor { relaxation, .. } => {
+                    let [x, y] = Columns::finest(p).coupling.map(|c| c as f32);
+                    [
+                        x,
+                        y,
+                        pressure_red_black_sor::relaxation_on(p.grid.cells, relaxation),
+                        0.0,
+                    ]
+                }
+                _ => [0.0; 4],
+            },
             heat_reference_k: p.heat_reference_k,
             prandtl: p.turbulence.as_ref().map_or(1.0, |t| t.prandtl),
             coriolis_parameter_per_s: p.coriolis.as_ref().map_or(0.0, |c| c.parameter_per_s),
@@ -204,6 +256,31 @@ pub fn pack(p: &Parameters) -> Vec<f32> {
     put(PROFILE_EXTINCTION_SCALE, &scale);
     let ascent: Vec<f32> = (0..=levels).map(|z| cloudy_ascent::rate_at_face(p, z)).collect();
     put(PROFILE_CLOUDY_ASCENT, &ascent);
+    match p.methods.pressure {
+        PressureMethod::Jacobi { .. } => {
+            let weights = pressure_jacobi::weights(p);
+            for (n, profile) in [
+                PROFILE_JACOBI_X,
+                PROFILE_JACOBI_Y,
+                PROFILE_JACOBI_BELOW,
+                PROFILE_JACOBI_ABOVE,
+                PROFILE_JACOBI_SOURCE,
+            ]
+            .into_iter()
+            .enumerate()
+            {
+                let row: Vec<f32> = weights.iter().map(|w| w[n]).collect();
+                put(profile, &row);
+            }
+        }
+        PressureMethod::RedBlackSor { .. } => {
+            let columns = Columns::finest(p);
+            put(PROFILE_COLUMN_BELOW, &columns.below);
+            put(PROFILE_COLUMN_ABOVE, &columns.above);
+            put(PROFILE_COLUMN_PIVOT, &columns.pivots);
+        }
+        PressureMethod::Direct | PressureMethod::Multigrid { .. } => {}
+    }
     if let Some(turbulence) = &p.turbulence {
         let squares: Vec<f32> = (0..levels)
             .map(|z| eddy_viscosity::length_squared_m2(grid, turbulence.coefficient, z))

@@ -30,9 +30,12 @@ pub struct Columns {
     /// One over the squared cell sizes east and north, 1/m2; 0 along an axis of one cell, where there is no gradient.
     pub coupling: [f64; 2],
     density: Vec<f32>,
-    below: Vec<f32>,
-    above: Vec<f32>,
-    pivots: Vec<f32>,
+    /// Coupling of each level to the one below, kg/m5; 0 at the ground.
+    pub below: Vec<f32>,
+    /// To the one above; 0 under the lid.
+    pub above: Vec<f32>,
+    /// One over the pivots of a column's elimination, m5/kg.
+    pub pivots: Vec<f32>,
 }
 
 /// Values of all columns; see the module for their order. Within a row: `[level][x]`.

@@ -21,6 +21,25 @@ use super::parameters::Parameters;
 use super::pressure_source::{Source, centre_level, level_mean};
 use super::slab::{SLAB_LEVELS, ahead, back, for_row, row, slab_len};
 
+/// Weights of the neighbours west and east, south and north, below, above, and of the source; one set a level.
+pub fn weights(parameters: &Parameters) -> Vec<[f32; 5]> {
+    let grid = &parameters.grid;
+    let levels = grid.cells[2];
+    let [hx, hy, hz] = [0, 1, 2].map(|a| (grid.cell_size_m[a] as f64).powi(-2));
+    // An axis of one cell is its own neighbour on both sides: no gradient there.
+    let [hx, hy] = [(hx, grid.cells[0]), (hy, grid.cells[1])].map(|(h, n)| if n > 1 { h } else { 0.0 });
+    (0..levels)
+        .map(|z| {
+            let density = parameters.density_kg_m3[z] as f64;
+            let face = |z: usize| parameters.density_at_z_face_kg_m3[z] as f64 * hz / density;
+            let below = if z > 0 { face(z) } else { 0.0 };
+            let above = if z + 1 < levels { face(z + 1) } else { 0.0 };
+            let diagonal = 2.0 * (hx + hy) + below + above;
+            [hx, hy, below, above, 1.0 / density].map(|w| (w / diagonal) as f32)
+        })
+        .collect()
+}
+
 /// Buffers and weights, made once for a grid.
 pub struct Solver {
     source: Source,
@@ -37,24 +56,11 @@ impl Solver {
     pub fn new(parameters: &Parameters) -> Self {
         let grid = &parameters.grid;
         let levels = grid.cells[2];
-        let [hx, hy, hz] = [0, 1, 2].map(|a| (grid.cell_size_m[a] as f64).powi(-2));
-        // An axis of one cell is its own neighbour on both sides: no gradient there.
-        let [hx, hy] = [(hx, grid.cells[0]), (hy, grid.cells[1])].map(|(h, n)| if n > 1 { h } else { 0.0 });
-        let weights = (0..levels)
-            .map(|z| {
-                let density = parameters.density_kg_m3[z] as f64;
-                let face = |z: usize| parameters.density_at_z_face_kg_m3[z] as f64 * hz / density;
-                let below = if z > 0 { face(z) } else { 0.0 };
-                let above = if z + 1 < levels { face(z + 1) } else { 0.0 };
-                let diagonal = 2.0 * (hx + hy) + below + above;
-                [hx, hy, below, above, 1.0 / density].map(|w| (w / diagonal) as f32)
-            })
-            .collect();
         Self {
             source: Source::new(levels),
             source_field: vec![0.0; grid.len()],
             other: vec![0.0; grid.len()],
-            weights,
+            weights: weights(parameters),
         }
     }
 

@@ -12,6 +12,11 @@
 use super::parameters::Parameters;
 use super::pressure_columns::{Columnar, Columns};
 
+/// The relaxation factor on a grid: one column alone is solved at once, and to go beyond its solution would only spoil it.
+pub fn relaxation_on(cells: [usize; 3], relaxation: f32) -> f32 {
+    if cells[..2] == [1, 1] { 1.0 } else { relaxation }
+}
+
 /// Buffers and factors, made once for a grid.
 pub struct Solver {
     columns: Columns,
@@ -45,8 +50,7 @@ impl Solver {
         relaxation: f32,
         pressure: &mut [f32],
     ) {
-        // One column alone is solved at once; to go beyond its solution would only spoil it.
-        let relaxation = if self.columns.extent == [1, 1] { 1.0 } else { relaxation };
+        let relaxation = relaxation_on(parameters.grid.cells, relaxation);
         self.columnar.load(parameters, velocity, dt_s, pressure);
         for _ in 0..sweeps {
             let Columnar {
