@@ -54,9 +54,9 @@ pub struct Scene {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Accuracy {
-    /// Cheap methods and long substeps: sums of heat and water drift a little.
+    /// As `balanced`, in substeps up to 1.4 times as long, which is the most that the method bears.
     Fast,
-    /// Heat and water are conserved to rounding, the mass flux is free of divergence.
+    /// Flux form and the direct pressure solver: heat and water are conserved to rounding, the mass flux is free of divergence.
     #[default]
     Balanced,
     /// As `balanced`, in substeps half as long.

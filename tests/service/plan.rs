@@ -178,7 +178,13 @@ fn a_plan_runs_one_rung_of_each_ladder_and_says_why() {
         ]
     );
     assert_eq!(report.courant_max, Some(1.0));
-    // The reference is the same in substeps half as long.
+    // Fast and reference are the same in longer and shorter substeps, within what the method bears.
+    let mut scene = cumulus();
+    scene.accuracy = Accuracy::Fast;
+    let fast = methods::choose(&scene).expect("a choice");
+    assert_eq!((fast.methods.advection, fast.courant_max), (Rung::FluxForm, Some(1.4)));
+    scene.effects.flow.as_mut().expect("flow").courant_max = 1.4;
+    assert_eq!(methods::choose(&scene).expect("a choice").courant_max, Some(1.4));
     let mut scene = cumulus();
     scene.accuracy = Accuracy::Reference;
     assert_eq!(
