@@ -609,9 +609,8 @@ fn every_stage_of_the_view_agrees_with_its_twin() {
                 };
                 let apart = apart / unit;
                 // Not a number is outside too.
-                if !(apart <= within) {
-                    outside += 1;
-                }
+                let agrees = apart <= within;
+                outside += usize::from(!agrees);
                 worst = if apart > worst || apart.is_nan() { apart } else { worst };
                 sum += apart as f64;
             }
