@@ -8,7 +8,7 @@ use std::time::Duration;
 use clap::{Parser, Subcommand, ValueEnum};
 use futures_util::StreamExt;
 use welkin_client::{ClientError, Event, Frame, FrameWish, Next, Options, connect};
-use welkin_proto::wire::{FrameFormat, Numbers};
+use welkin_proto::wire::{FrameFormat, HealthState, Numbers};
 
 const EXAMPLES: &str = "Examples:
   welkin-client watch http://127.0.0.1:8080
@@ -288,7 +288,23 @@ fn summary(n: &Numbers) -> String {
         or_dash(n.liquid_water_path_kg_m2.map(|v| format!("{:.1} g/m2", 1000.0 * v))),
         n.updraught_max_m_s,
         n.wind_max_m_s,
-    )
+    ) + &health(n)
+}
+
+/// What the watchdog says, where it has something to say.
+fn health(n: &Numbers) -> String {
+    let mut text = match (n.health, n.trouble_code.as_deref()) {
+        (HealthState::Good, _) => String::new(),
+        (state, code) => format!(
+            " | {} ({})",
+            state.name().to_uppercase(),
+            code.unwrap_or("no reason given")
+        ),
+    };
+    if n.retries > 0 {
+        text += &format!(" | {} retries", n.retries);
+    }
+    text
 }
 
 /// An event as JSON, with the field names of the wire.
@@ -318,6 +334,23 @@ fn json_line(event: &Event) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_line_tells_of_trouble_and_of_nothing_else() {
+        let good = Numbers::default();
+        assert_eq!(health(&good), "");
+        let sick = Numbers {
+            health: HealthState::Degraded,
+            trouble_code: Some("not_finite".to_owned()),
+            retries: 4,
+            ..good
+        };
+        assert!(
+            summary(&sick).ends_with(" | DEGRADED (not_finite) | 4 retries"),
+            "{}",
+            summary(&sick)
+        );
+    }
 
     #[test]
     fn sizes_and_times_are_read_or_refused() {

@@ -96,9 +96,34 @@ async function learnSpinUp(world) {
   }
 }
 
+const HEALTH_TEXT = {
+  good: "",
+  degraded: "Degraded: the sky went back to an earlier moment and goes on.",
+  halted: "Halted: the simulation failed and stands at its last good moment. Resume tries again.",
+};
+
+/** @param {Numbers} now */
+function showHealth(now) {
+  const box = element("health", HTMLParagraphElement);
+  const state = now.health ?? "good";
+  box.hidden = state === "good";
+  box.dataset.state = state;
+  // Written only when it changes, so that a screen reader says it once.
+  for (const [id, text] of [
+    ["health-state", HEALTH_TEXT[state]],
+    ["health-reason", state === "good" ? "" : `${now.trouble_message ?? ""} (${now.trouble_code ?? "no code"})`],
+  ]) {
+    const line = element(id, HTMLSpanElement);
+    if (line.textContent !== text) {
+      line.textContent = text;
+    }
+  }
+}
+
 /** @param {Numbers} now */
 function onTick(now) {
   numbers = now;
+  showHealth(now);
   board.update(now);
   element("utc", HTMLSpanElement).textContent = now.utc.replace("T", " ").replace(/(\.\d+)?Z$/, " UTC");
   pauseButton.textContent = now.paused ? "Resume" : "Pause";

@@ -178,6 +178,11 @@ const RUN_ROWS = [
     text: (n) => `${readable(n.tick_ms)} ms`,
   },
   {
+    id: "health", name: "Health", hint: "What the server's watchdog says; ticks that it had to try again",
+    value: () => null,
+    text: (n) => (n.retries > 0 ? `${n.health ?? "good"}, ${n.retries} retries` : (n.health ?? "good")),
+  },
+  {
     id: "frame-ms", name: "Frame takes", hint: "Time to render a picture, of any viewer",
     value: (n) => n.frame_ms,
     text: (n) => orDash(n.frame_ms, (v) => `${readable(v)} ms`),

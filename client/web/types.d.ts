@@ -33,6 +33,12 @@ export interface Numbers {
   divergence_max_per_s: number;
   sun_elevation_deg: number;
   sun_azimuth_deg: number;
+  health: "good" | "degraded" | "halted";
+  trouble_code: string | null;
+  trouble_message: string | null;
+  trouble_tick: number | null;
+  retries: number;
+  restores: number;
 }
 
 export interface ApiError { code: string; message: string; pointer?: string }

@@ -56,6 +56,49 @@ pub struct Numbers {
     pub sun_elevation_deg: f64,
     /// Sun's azimuth, degrees clockwise from north.
     pub sun_azimuth_deg: f64,
+    /// What the watchdog says of the world.
+    #[serde(default)]
+    pub health: HealthState,
+    /// Stable code of the last trouble: `not_finite`, `courant_exceeded`, `divergence_exceeded`, `water_budget_broken`,
+    /// `negative_water`, `device_lost`; absent where there was none.
+    #[serde(default)]
+    pub trouble_code: Option<String>,
+    /// The last trouble and what was done about it, for people.
+    #[serde(default)]
+    pub trouble_message: Option<String>,
+    /// Tick that the last trouble was in.
+    #[serde(default)]
+    pub trouble_tick: Option<u64>,
+    /// Tries of a tick that were thrown away and made again with shorter substeps, since the start.
+    #[serde(default)]
+    pub retries: u64,
+    /// Times that the world went back to an earlier good state, since the start.
+    #[serde(default)]
+    pub restores: u64,
+}
+
+/// What a world's watchdog says of it. Whatever it says, what the world shows has passed every check.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum HealthState {
+    /// Nothing was lost lately; ticks that were tried again count as nothing lost.
+    #[default]
+    Good,
+    /// It went back to an earlier state, so some minutes of its weather are lost; it goes on.
+    Degraded,
+    /// It failed again after going back: its clock stands, and it shows its last good state. `resume` lets it try again.
+    Halted,
+}
+
+impl HealthState {
+    /// The name on the wire.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Good => "good",
+            Self::Degraded => "degraded",
+            Self::Halted => "halted",
+        }
+    }
 }
 
 /// What an operator can tell a world to do (`POST /v1/worlds/{id}/commands`, or over the stream).

@@ -284,7 +284,7 @@ fn measure(options: &BenchOptions) -> Result<Report, BenchError> {
     Ok(Report {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         commit: options.commit.clone(),
-        device: start.snapshot.plan.device.clone(),
+        device: host.view().device().to_owned(),
         copy_bytes_per_s,
         bytes_per_cell_substep,
         cell_substeps_per_s_floor: copy_bytes_per_s / bytes_per_cell_substep,

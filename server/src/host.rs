@@ -7,7 +7,7 @@ pub mod renderer;
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError, mpsc};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -18,6 +18,8 @@ use welkin_proto::{ApiError, Scene, validate};
 
 use crate::machine::Machine;
 use crate::picture::{self, StageTime};
+use crate::plan::Timings;
+use crate::watchdog::Fault;
 use crate::world::{Snapshot, World};
 
 /// While the world runs as fast as it can, it publishes when this much wall time has gone by.
@@ -48,9 +50,58 @@ pub struct View {
     commands: mpsc::Sender<Order>,
     frame_ms_bits: Arc<AtomicU64>,
     view_times: Arc<Mutex<Vec<StageTime>>>,
+    plan: Arc<PlanReport>,
+    timings: Arc<Timings>,
+    attention: Arc<Mutex<Attention>>,
+}
+
+/// Who looks at a world.
+struct Attention {
+    streams: usize,
+    last: Instant,
+}
+
+/// Counts a viewer as long as it lives.
+pub struct Looking(View);
+
+impl Drop for Looking {
+    fn drop(&mut self) {
+        let mut attention = self.0.attention();
+        attention.streams -= 1;
+        attention.last = Instant::now();
+    }
 }
 
 impl View {
+    fn attention(&self) -> MutexGuard<'_, Attention> {
+        self.attention.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Notes that somebody has looked.
+    pub fn looked_at(&self) {
+        self.attention().last = Instant::now();
+    }
+
+    /// Notes that somebody looks on until the returned value is dropped.
+    pub fn look(&self) -> Looking {
+        self.attention().streams += 1;
+        Looking(self.clone())
+    }
+
+    /// How long nobody has looked.
+    pub fn idle(&self) -> Duration {
+        let attention = self.attention();
+        match attention.streams {
+            0 => attention.last.elapsed(),
+            _ => Duration::ZERO,
+        }
+    }
+
+    /// What the world runs on.
+    pub fn device(&self) -> &str {
+        &self.plan.device
+    }
+
     /// The newest publication.
     pub fn newest(&self) -> Arc<Published> {
         self.published.borrow().clone()
@@ -71,7 +122,8 @@ impl View {
 
     /// The plan with what its passes and the view's stages have cost so far.
     pub fn plan(&self) -> PlanReport {
-        let mut plan = self.newest().snapshot.plan.as_ref().clone();
+        let mut plan = self.plan.as_ref().clone();
+        self.timings.put(&mut plan);
         let times = self.view_times.lock().unwrap_or_else(PoisonError::into_inner);
         picture::put_times(&mut plan, &times);
         plan
@@ -99,6 +151,7 @@ pub struct Host {
 
 enum Order {
     Command(Command),
+    Fault(Fault),
     Stop,
 }
 
@@ -125,10 +178,13 @@ impl Host {
                     }
                 };
                 let base_state = world.base_state().report.clone();
+                let (plan, timings) = (Arc::new(world.plan_report()), Arc::clone(world.timings()));
+                let pool = Arc::clone(world.pool());
                 let (mut runner, published) = Runner::new(world, frame_ms);
                 let scene = Arc::new(runner.world.scene().clone());
-                if ready.send(Ok((scene, base_state, published))).is_ok() {
-                    runner.run(&orders);
+                if ready.send(Ok((scene, base_state, published, plan, timings))).is_ok() {
+                    // The whole life on the world's own threads: no tick is handed over to them.
+                    pool.install(move || runner.run(&orders));
                 }
                 tracing::info!(world = name, "world stopped");
             })
@@ -136,7 +192,7 @@ impl Host {
                 tracing::error!(%error, "cannot start a world's thread");
                 ApiError::new("internal", "the world could not be started")
             })?;
-        let (scene, base_state, published) = match started.recv() {
+        let (scene, base_state, published, plan, timings) = match started.recv() {
             Ok(Ok(parts)) => parts,
             Ok(Err(error)) => return Err(error),
             Err(_) => {
@@ -151,6 +207,12 @@ impl Host {
             commands,
             frame_ms_bits,
             view_times: Arc::default(),
+            plan,
+            timings,
+            attention: Arc::new(Mutex::new(Attention {
+                streams: 0,
+                last: Instant::now(),
+            })),
         };
         Ok(Host {
             view,
@@ -176,9 +238,17 @@ impl Host {
             id: self.view.id.to_string(),
             scene: self.view.scene.name.clone(),
             cells: self.view.scene.domain.cells,
-            device: newest.snapshot.plan.device.clone(),
+            device: self.view.device().to_owned(),
             numbers: newest.snapshot.numbers.clone(),
         }
+    }
+
+    /// Plants a fault in the running world, to prove its watchdog: for tests; nothing on the wire does it.
+    pub fn inject(&self, fault: Fault) -> Result<(), ApiError> {
+        self.view
+            .commands
+            .send(Order::Fault(fault))
+            .map_err(|_| world_stopped())
     }
 
     /// Stops the thread and waits for it: at most one tick. Streams of this world end. Does nothing the second time.
@@ -239,6 +309,10 @@ impl Runner {
         self.revision += 1;
         let spinning_up = self.world.spinning_up();
         let mut snapshot = self.world.snapshot();
+        if snapshot.volume.is_none() {
+            // A device that was lost gives no cloud any more: the last one stays in sight.
+            snapshot.volume = self.publisher.borrow().snapshot.volume.clone();
+        }
         let numbers = &mut snapshot.numbers;
         let frame_ms = f64::from_bits(self.frame_ms_bits.load(Ordering::Relaxed));
         numbers.frame_ms = frame_ms.is_finite().then_some(frame_ms);
@@ -287,6 +361,7 @@ impl Runner {
             };
             match order {
                 Ok(Order::Stop) | Err(mpsc::RecvTimeoutError::Disconnected) => return,
+                Ok(Order::Fault(fault)) => self.world.inject(fault),
                 Ok(Order::Command(command)) => {
                     self.obey(command);
                     self.publish();
@@ -300,14 +375,11 @@ impl Runner {
                         _ => now,
                     });
                     self.world.tick();
-                    let numbers = self.world.numbers();
-                    self.speed.mark(numbers.simulated_s);
-                    if !self.world.is_finite() {
-                        tracing::error!(
-                            tick = numbers.tick,
-                            "the world's fields are no longer finite; it is stopped"
-                        );
-                        return;
+                    self.speed.mark(self.world.simulated_s());
+                    if self.world.is_halted() {
+                        self.paused = true;
+                        self.publish();
+                        continue;
                     }
                     let age = self.publisher.borrow().at.elapsed();
                     let flat_out = self.period().is_none_or(|period| period < PUBLISH_EVERY / 8);
@@ -324,6 +396,7 @@ impl Runner {
             Command::Pause {} => self.paused = true,
             Command::Resume {} if self.paused => {
                 self.paused = false;
+                self.world.resume();
                 self.speed = SpeedMeter::default();
                 self.speed.mark(self.world.simulated_s());
             }
@@ -344,6 +417,10 @@ struct SpeedMeter {
 impl SpeedMeter {
     fn mark(&mut self, simulated_s: f64) {
         let now = Instant::now();
+        // A world that went back to an earlier state starts a new count.
+        if self.marks.back().is_some_and(|last| last.1 > simulated_s) {
+            self.marks.clear();
+        }
         self.marks.push_back((now, simulated_s));
         // One mark older than the window stays, so that ticks longer than the window are measured too.
         while self.marks.len() > 2 && self.marks.get(1).is_some_and(|m| now - m.0 > SPEED_WINDOW) {

@@ -3,6 +3,7 @@
 pub mod base_state;
 pub mod bench;
 pub mod cli;
+pub mod endurance;
 pub mod host;
 pub mod http;
 pub mod initial;
@@ -16,4 +17,5 @@ pub mod plan;
 pub mod plot;
 pub mod sun;
 pub mod validate;
+pub mod watchdog;
 pub mod world;

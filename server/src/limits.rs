@@ -41,7 +41,11 @@ pub struct Limits {
     /// Wall seconds that a stream's client may take to accept a message before it is dropped.
     #[arg(long = "stall-timeout", value_name = "SECONDS", default_value_t = 10.0)]
     pub stall_timeout_s: f64,
-    /// Most cells in a world; a cell costs about 100 bytes.
+    /// Wall seconds after which a world that a visitor made and nobody has looked at since is stopped; 0 keeps it until it is
+    /// deleted. An open stream looks on; listing worlds does not.
+    #[arg(long = "idle-world-timeout", value_name = "SECONDS", default_value_t = 1800.0)]
+    pub idle_world_s: f64,
+    /// Most cells in a world; a cell costs about 200 bytes.
     #[arg(long = "max-cells", value_name = "N", default_value_t = 256 * 256 * 256)]
     pub cells_max: u64,
 }

@@ -1,6 +1,10 @@
-//! From a scene's effects to what runs: which passes, which fields, and why.
+//! From a scene's effects to what runs: which passes, which fields, why, and what each pass has cost.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 use welkin_proto::scene::Effects;
+use welkin_proto::wire::PlanReport;
 use welkin_proto::{ApiError, Scene};
 use welkin_shaders::catalogue::{Effect, Field, Pass, Phase};
 
@@ -90,5 +94,53 @@ impl Plan {
             .copied()
             .filter(|p| p.info().phase == phase)
             .collect()
+    }
+}
+
+/// How often each pass ran and how long it took in all. The world's thread writes, anybody reads, nobody waits.
+#[derive(Debug)]
+pub struct Timings {
+    passes: Vec<Timing>,
+}
+
+#[derive(Debug, Default)]
+struct Timing {
+    runs: AtomicU64,
+    total_ns: AtomicU64,
+}
+
+impl Default for Timings {
+    fn default() -> Self {
+        Self {
+            passes: Pass::ALL.iter().map(|_| Timing::default()).collect(),
+        }
+    }
+}
+
+impl Timings {
+    /// Counts one run of a pass.
+    pub fn add(&self, pass: Pass, elapsed: Duration) {
+        let timing = &self.passes[pass as usize];
+        timing.runs.fetch_add(1, Ordering::Relaxed);
+        timing.total_ns.fetch_add(elapsed.as_nanos() as u64, Ordering::Relaxed);
+    }
+
+    /// Takes what a device with a clock of its own has counted.
+    pub fn set(&self, pass: Pass, runs: u64, total_s: f64) {
+        let timing = &self.passes[pass as usize];
+        timing.runs.store(runs, Ordering::Relaxed);
+        timing.total_ns.store((total_s * 1e9) as u64, Ordering::Relaxed);
+    }
+
+    /// Puts what was measured so far into a plan.
+    pub fn put(&self, plan: &mut PlanReport) {
+        for (pass, timing) in Pass::ALL.iter().zip(&self.passes) {
+            let runs = timing.runs.load(Ordering::Relaxed);
+            let total_ms = timing.total_ns.load(Ordering::Relaxed) as f64 * 1e-6;
+            if let Some(report) = plan.passes.iter_mut().find(|p| p.stage == pass.info().name) {
+                report.runs = runs;
+                report.mean_ms = (runs > 0).then(|| total_ms / runs as f64);
+            }
+        }
     }
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use welkin_proto::scene::Sun;
-use welkin_proto::wire::{FieldReport, LadderReport, Numbers, PassReport, PlanReport};
+use welkin_proto::wire::{FieldReport, HealthState, LadderReport, Numbers, PassReport, PlanReport};
 use welkin_proto::{ApiError, Scene};
 use welkin_shaders::catalogue::{Field, Pass, Phase, VIEW_STAGES};
 use welkin_shaders::constants::GRAVITY_M_S2;
@@ -14,7 +14,8 @@ use welkin_shaders::{CloudReductions, CloudVolume, Device, Reductions, Substep, 
 
 use crate::base_state::{self, BaseState};
 use crate::machine::Machine;
-use crate::plan::Plan;
+use crate::plan::{Plan, Timings};
+use crate::watchdog::{Bounds, Damage, Fault, HALVINGS, Mark, Trouble, Watchdog};
 use crate::{initial, parameters, sun};
 
 /// See [`World::unwatched_tick_s`].
@@ -22,23 +23,16 @@ const UNWATCHED_TICK_S: f64 = 20.0;
 /// A substep is never longer than this share of a buoyancy oscillation's 1/N, which the explicit scheme must follow.
 const BUOYANCY_PHASE_MAX: f64 = 1.0;
 
-/// How often a pass ran and how long it took in all.
-#[derive(Clone, Copy, Debug, Default)]
-struct Timing {
-    runs: u64,
-    total_s: f64,
-}
-
 /// A running scene.
 pub struct World {
     scene: Scene,
     base: BaseState,
     plan: Plan,
-    parameters: Parameters,
+    parameters: Arc<Parameters>,
     device: Box<dyn Device>,
     pool: Arc<rayon::ThreadPool>,
     passes: [Vec<Pass>; 3],
-    timings: Vec<Timing>,
+    timings: Arc<Timings>,
     start_unix_s: f64,
     simulated_s: f64,
     tick: u64,
@@ -50,6 +44,10 @@ pub struct World {
     vitals: Vitals,
     air_displacement_m: [f64; 2],
     buoyancy_frequency_per_s: f64,
+    watchdog: Watchdog,
+    /// Whether somebody changed the state since it was reduced last.
+    touched: bool,
+    faults: Vec<Fault>,
 }
 
 /// What a tick publishes; immutable and cheap to clone.
@@ -61,21 +59,20 @@ pub struct Snapshot {
     pub volume: Option<Arc<CloudVolume>>,
     /// Unit vector towards the sun: x east, y north, z up.
     pub sun_direction: [f32; 3],
-    /// What runs and what it costs.
-    pub plan: Arc<PlanReport>,
 }
 
 impl World {
     /// Builds the world of a validated scene: base state, plan, fields, initial state.
     ///
     /// `machine` is what it computes on, or the number of the CPU's threads. Errors: those of [`Plan::new`], of the base state and of
-    /// [`Compute::device`](crate::machine::Compute::device); `bad_time`; `internal` where no threads can be started.
+    /// [`Compute::device`](crate::machine::Compute::device); `bad_time`; `internal` where no threads can be started; `unstable`
+    /// where the initial state does not pass the watchdog.
     pub fn new(scene: Scene, machine: impl Into<Machine>) -> Result<Self, ApiError> {
         let machine = machine.into();
         let plan = Plan::new(&scene)?;
         let base = base_state::build(&scene)?;
         let start_unix_s = welkin_proto::time::parse_utc(&scene.time.start_utc)?;
-        let parameters = parameters::parameters(&scene, &base, plan.chosen.methods.clone());
+        let parameters = Arc::new(parameters::parameters(&scene, &base, plan.chosen.methods.clone()));
         let mut device = machine.compute.device(&parameters, &plan)?;
         initial::write(&scene, &base, &parameters, device.as_mut());
         // Threads of its own, so that a tick and a picture share the cores by the system's clock and not task by task.
@@ -91,8 +88,24 @@ impl World {
             .map(|t| GRAVITY_M_S2 / t[0] * (t[1] - t[0]).abs() / dz)
             .fold(0.0, f64::max);
         let passes = [Phase::Step, Phase::Stage, Phase::Publish].map(|p| plan.phase(p));
+        let first = Mark {
+            simulated_s: 0.0,
+            reductions: Reductions::default(),
+            cloud: None,
+            vitals: Vitals::default(),
+            air_displacement_m: [0.0; 2],
+            parameters: Arc::clone(&parameters),
+        };
+        let bounds = Bounds::new(
+            plan.chosen.courant_max.unwrap_or(1.0),
+            &parameters.methods,
+            device.lags(),
+        );
         let mut world = Self {
-            timings: vec![Timing::default(); Pass::ALL.len()],
+            watchdog: Watchdog::new(bounds, &first),
+            touched: false,
+            faults: Vec::new(),
+            timings: Arc::default(),
             scene,
             base,
             plan,
@@ -114,13 +127,39 @@ impl World {
         };
         if world.has_flow() {
             world.make_divergence_free();
+        } else {
+            world.reductions.finite = true;
         }
-        world.publish();
+        world.on_threads(|world| {
+            world.publish();
+            let judged = bounds.state(&world.reductions, &world.vitals);
+            judged.map_err(|trouble| {
+                ApiError::new(
+                    "unstable",
+                    format!("the scene's first state cannot be run: {}", trouble.message),
+                )
+            })?;
+            Watchdog::slots().for_each(|slot| world.device.save(slot));
+            world.watchdog = Watchdog::new(bounds, &world.mark());
+            Ok(())
+        })?;
         Ok(world)
+    }
+
+    /// Runs `work` on the world's own threads. Ticks within hand nothing over to them from outside, which would allocate a block of the
+    /// pool's queue now and then.
+    pub fn on_threads<R: Send>(&mut self, work: impl FnOnce(&mut Self) -> R + Send) -> R {
+        let pool = Arc::clone(&self.pool);
+        pool.install(|| work(self))
     }
 
     fn has_flow(&self) -> bool {
         self.plan.fields.contains(&Field::VelocityX)
+    }
+
+    /// The threads that it computes on.
+    pub fn pool(&self) -> &Arc<rayon::ThreadPool> {
+        &self.pool
     }
 
     /// The scene it runs.
@@ -138,6 +177,11 @@ impl World {
         &self.plan
     }
 
+    /// What the last tick's end says of its cloud and water; none where the scene has no moisture.
+    pub fn cloud(&self) -> Option<&CloudReductions> {
+        self.cloud.as_ref()
+    }
+
     /// The numbers its passes are told.
     pub fn parameters(&self) -> &Parameters {
         &self.parameters
@@ -151,6 +195,7 @@ impl World {
     /// Replaces a field of the state, say for a test. Errors: `unknown_field` if the plan doesn't hold it or the length differs.
     pub fn write_field(&mut self, field: Field, values: &[f32]) -> Result<(), ApiError> {
         if self.device.write(field, values) {
+            self.touched = true;
             Ok(())
         } else {
             Err(ApiError::new(
@@ -170,10 +215,58 @@ impl World {
         self.simulated_s < self.scene.time.spin_up_s
     }
 
-    /// Whether all velocities and viscosities were finite after the last substep. The numbers alone can't tell: a maximum passes over
-    /// NaN.
-    pub fn is_finite(&self) -> bool {
-        !self.has_flow() || self.reductions.finite
+    /// What the watchdog knows: health, the last trouble, retries.
+    pub fn watchdog(&self) -> &Watchdog {
+        &self.watchdog
+    }
+
+    /// Whether the watchdog has stopped it: ticks do nothing until [`World::resume`].
+    pub fn is_halted(&self) -> bool {
+        self.watchdog.health() == HealthState::Halted
+    }
+
+    /// Whether its time ran through once: it never had to go back to an earlier state.
+    pub fn ran_through(&self) -> bool {
+        self.watchdog.restores() == 0 && !self.is_halted()
+    }
+
+    /// Lets a halted world try again; does nothing to others.
+    pub fn resume(&mut self) {
+        self.watchdog.resume();
+    }
+
+    /// The error of a run that needed more simulated time than a halted world gives: `unstable`; none while it runs.
+    pub fn halted_error(&self) -> Option<ApiError> {
+        let (_, trouble) = self.watchdog.trouble().filter(|_| self.is_halted())?;
+        Some(ApiError::new(
+            "unstable",
+            format!("the scene cannot be run on: {}", trouble.message),
+        ))
+    }
+
+    /// Plants a fault, to prove the watchdog: for tests.
+    pub fn inject(&mut self, fault: Fault) {
+        self.faults.push(fault);
+    }
+
+    /// Keeps the present state in a slot of the caller's choice outside [`Watchdog::slots`]; [`World::restore`] takes what this returns.
+    pub fn save(&mut self, slot: usize) -> Mark {
+        self.on_threads(|world| {
+            world.refresh();
+            world.device.save(slot);
+            world.mark()
+        })
+    }
+
+    /// Goes back to a saved state, from which it continues bit for bit as it did; `false`, and nothing is changed, where the slot is empty.
+    /// Its tick number goes on.
+    pub fn restore(&mut self, slot: usize, mark: &Mark) -> bool {
+        let restored = self.on_threads(|world| world.device.restore(slot));
+        if restored {
+            self.recall(mark);
+            self.on_threads(Self::publish);
+        }
+        restored
     }
 
     /// Length of a tick that nobody watches, in spin-up and in runs without viewers, s: the scene's, or 20 s if that is longer. A tick
@@ -192,10 +285,10 @@ impl World {
         self.advance_by(length);
     }
 
-    /// Ticks until `simulated_s`; the last tick may be shorter. `progress` is told the simulated seconds after each
-    /// tick and stops the run by `false`.
+    /// Ticks until `simulated_s`, or until the watchdog halts the world; the last tick may be shorter. `progress` is told the simulated
+    /// seconds after each tick and stops the run by `false`.
     pub fn advance_to(&mut self, simulated_s: f64, mut progress: impl FnMut(&Self) -> bool) {
-        while self.simulated_s < simulated_s - 1e-9 {
+        while self.simulated_s < simulated_s - 1e-9 && !self.is_halted() {
             self.advance_by(self.unwatched_tick_s().min(simulated_s - self.simulated_s));
             if !progress(self) {
                 return;
@@ -203,36 +296,172 @@ impl World {
         }
     }
 
-    /// Advances by `length_s` simulated seconds as one tick, in as many equal substeps as stability asks for. Once a field is no longer
-    /// finite no substep is made: the clock goes on, and [`World::is_finite`] tells.
+    /// Advances by `length_s` simulated seconds as one tick, in as many equal substeps as stability asks for. A tick that the
+    /// watchdog rejects is tried again with shorter substeps, or ends in an earlier good state; a halted world stays as it is.
     pub fn advance_by(&mut self, length_s: f64) {
-        let pool = Arc::clone(&self.pool);
-        pool.install(|| self.advance_here(length_s));
+        self.on_threads(|world| world.advance_here(length_s));
     }
 
     fn advance_here(&mut self, length_s: f64) {
+        if self.is_halted() {
+            return;
+        }
         let begin = Instant::now();
+        self.refresh();
+        let start = self.mark();
+        self.tick += 1;
+        let mut factor = self.watchdog.caution();
+        let mut halvings = 0;
+        loop {
+            let mut saved = false;
+            let Err(trouble) = self.try_tick(length_s, factor, &start, &mut saved) else {
+                self.watchdog.good(&start, saved, self.simulated_s);
+                break;
+            };
+            if let Some(lost) = self.device_lost() {
+                self.recall(&start);
+                tracing::error!(tick = self.tick, "{}", lost.message);
+                self.watchdog.halt(self.tick, lost);
+                break;
+            }
+            tracing::warn!(tick = self.tick, code = trouble.code, halvings, "{}", trouble.message);
+            // A start that is bad itself gets no better by shorter substeps.
+            if saved && halvings < HALVINGS {
+                self.device.restore(self.watchdog.start_slot());
+                self.recall(&start);
+                self.watchdog.retry(self.tick, trouble);
+                halvings += 1;
+                factor *= 0.5;
+                continue;
+            }
+            let fallback = self.watchdog.fall_back(self.tick, start.simulated_s, trouble);
+            self.device.restore(fallback.slot);
+            self.recall(&fallback.mark);
+            self.publish();
+            if let Some((_, trouble)) = self.watchdog.trouble() {
+                tracing::error!(
+                    tick = self.tick,
+                    code = trouble.code,
+                    health = self.watchdog.health().name(),
+                    "{}",
+                    trouble.message
+                );
+            }
+            break;
+        }
+        self.tick_ms = begin.elapsed().as_secs_f64() * 1e3;
+    }
+
+    /// A device that is gone for good, as trouble.
+    fn device_lost(&self) -> Option<Trouble> {
+        let error = self.device.trouble()?;
+        Some(Trouble {
+            code: "device_lost",
+            message: format!("the device is lost: {error}"),
+        })
+    }
+
+    /// One try of a tick. `saved` tells whether the start is in the watchdog's slot for it, so that it can be restored.
+    fn try_tick(&mut self, length_s: f64, factor: f64, start: &Mark, saved: &mut bool) -> Result<(), Trouble> {
+        let bounds = self.watchdog.bounds;
+        bounds.state(&self.reductions, &self.vitals)?;
         let mut done = 0.0;
         self.substeps = 0;
         if self.has_flow() {
-            // An infinite speed would ask for substeps of no length, and the loop would never end.
-            while length_s - done > 1e-6 * length_s && self.reductions.finite {
+            while length_s - done > 1e-6 * length_s {
                 let left = length_s - done;
-                let count = (left / self.substep_max_s()).ceil().max(1.0);
+                let count = (left / (factor * self.substep_max_s())).ceil().max(1.0);
                 self.substep_s = left / count;
                 self.substep(self.substep_s as f32);
+                if !*saved {
+                    self.device.save_start(self.watchdog.start_slot());
+                    *saved = true;
+                }
+                self.strike();
+                self.reductions = self.device.reduce();
                 self.substeps += 1;
                 done += self.substep_s;
+                bounds.substep(&self.reductions, self.substep_s)?;
             }
         }
-        self.simulated_s += length_s;
-        self.tick += 1;
         self.publish();
+        if let Some(lost) = self.device_lost() {
+            return Err(lost);
+        }
+        bounds.state(&self.reductions, &self.vitals)?;
+        if let (Some(before), Some(after)) = (&start.cloud, &self.cloud) {
+            bounds.water(before, after, length_s, self.substeps)?;
+        }
+        self.simulated_s += length_s;
         if let Some([u, v]) = self.cloud.and_then(|c| c.wind_m_s) {
             self.air_displacement_m[0] += u * length_s;
             self.air_displacement_m[1] += v * length_s;
         }
-        self.tick_ms = begin.elapsed().as_secs_f64() * 1e3;
+        Ok(())
+    }
+
+    /// Lets planted faults strike.
+    fn strike(&mut self) {
+        for i in 0..self.faults.len() {
+            let Fault {
+                tick,
+                substep,
+                field,
+                damage,
+                strikes,
+            } = self.faults[i];
+            if tick != self.tick || substep != self.substeps || strikes == 0 {
+                continue;
+            }
+            self.faults[i].strikes -= 1;
+            let mut values = self.device.read(field).unwrap_or_default().into_owned();
+            match damage {
+                Damage::Cell(cell, value) => values[cell] = value,
+                Damage::Scale(factor) => values.iter_mut().for_each(|v| *v *= factor),
+            }
+            self.device.write(field, &values);
+        }
+    }
+
+    /// What belongs to the present state.
+    fn mark(&self) -> Mark {
+        Mark {
+            simulated_s: self.simulated_s,
+            reductions: self.reductions,
+            cloud: self.cloud,
+            vitals: self.vitals,
+            air_displacement_m: self.air_displacement_m,
+            parameters: Arc::clone(&self.parameters),
+        }
+    }
+
+    /// Takes what belongs to a state whose fields have been restored.
+    fn recall(&mut self, mark: &Mark) {
+        self.simulated_s = mark.simulated_s;
+        self.reductions = mark.reductions;
+        self.cloud = mark.cloud;
+        self.vitals = mark.vitals;
+        self.air_displacement_m = mark.air_displacement_m;
+        self.touched = false;
+        if !Arc::ptr_eq(&self.parameters, &mark.parameters) {
+            self.parameters = Arc::clone(&mark.parameters);
+            self.device.set_parameters(&self.parameters);
+        }
+    }
+
+    /// Reduces a state that somebody has changed since it was reduced.
+    fn refresh(&mut self) {
+        if std::mem::take(&mut self.touched) {
+            if self.has_flow() {
+                // The device's viscosity may be of another state, one that was given up; what belongs to this one is known here.
+                let viscosity_max_m2_s = self.reductions.viscosity_max_m2_s;
+                self.reductions = Reductions {
+                    viscosity_max_m2_s,
+                    ..self.device.reduce()
+                };
+            }
+            self.publish();
+        }
     }
 
     /// The longest substep that is stable for the present state, s.
@@ -269,9 +498,7 @@ impl World {
     fn run(&mut self, pass: Pass, substep: &Substep) {
         let begin = Instant::now();
         self.device.run(pass, substep);
-        let timing = &mut self.timings[pass as usize];
-        timing.runs += 1;
-        timing.total_s += begin.elapsed().as_secs_f64();
+        self.timings.add(pass, begin.elapsed());
     }
 
     fn run_phase(&mut self, phase: usize, substep: &Substep) {
@@ -292,7 +519,6 @@ impl World {
             self.run_phase(1, &part(stage));
             self.device.accept(stage);
         }
-        self.reductions = self.device.reduce();
     }
 
     /// Frees the initial wind of divergence: a projection with nothing carried before it.
@@ -339,6 +565,11 @@ impl World {
         self.device.settle();
         self.vitals = self.device.vitals();
         self.cloud = self.device.reduce_cloud();
+        for &pass in &self.plan.passes {
+            if let Some((runs, total_s)) = self.device.pass_time(pass) {
+                self.timings.set(pass, runs, total_s);
+            }
+        }
     }
 
     /// Adds a uniform wind to the whole box; the base and geostrophic winds move with it, so that it stays.
@@ -350,7 +581,7 @@ impl World {
                 self.device.write(field, &moved);
             }
         }
-        let p = &mut self.parameters;
+        let p = Arc::make_mut(&mut self.parameters);
         let shift = |profile: &mut Vec<f32>, add: f64| profile.iter_mut().for_each(|v| *v += add as f32);
         shift(&mut p.base_wind_x_m_s, x_m_s);
         shift(&mut p.base_wind_y_m_s, y_m_s);
@@ -359,9 +590,8 @@ impl World {
             shift(&mut rotation.wind_y_m_s, y_m_s);
         }
         self.device.set_parameters(&self.parameters);
-        if self.has_flow() {
-            self.reductions = self.device.reduce();
-        }
+        self.touched = true;
+        self.on_threads(Self::refresh);
     }
 
     /// Places the sun, or gives it to the clock.
@@ -394,6 +624,12 @@ impl World {
             divergence_max_per_s: self.vitals.divergence_max_per_s as f64,
             sun_elevation_deg,
             sun_azimuth_deg,
+            health: self.watchdog.health(),
+            trouble_code: self.watchdog.trouble().map(|(_, t)| t.code.to_owned()),
+            trouble_message: self.watchdog.trouble().map(|(_, t)| t.message.clone()),
+            trouble_tick: self.watchdog.trouble().map(|(tick, _)| tick),
+            retries: self.watchdog.retries(),
+            restores: self.watchdog.restores(),
             ..Numbers::default()
         }
     }
@@ -419,8 +655,12 @@ impl World {
             sun_direction: sun::direction([numbers.sun_elevation_deg, numbers.sun_azimuth_deg]),
             numbers,
             volume,
-            plan: Arc::new(self.plan_report()),
         }
+    }
+
+    /// What its passes have cost so far; it goes on counting.
+    pub fn timings(&self) -> &Arc<Timings> {
+        &self.timings
     }
 
     /// The plan with what each pass has cost so far. The view's stages are named with the effect that asks for them;
@@ -456,11 +696,6 @@ impl World {
             .iter()
             .map(|pass| {
                 let info = pass.info();
-                let timing = self.timings[*pass as usize];
-                let timing = self
-                    .device
-                    .pass_time(*pass)
-                    .map_or(timing, |(runs, total_s)| Timing { runs, total_s });
                 let mut why = info.needs.iter().map(|e| e.name()).collect::<Vec<_>>().join(" + ");
                 for choice in chosen.choices.iter().filter(|c| info.rungs.contains(&c.rung)) {
                     let rung = choice.rung.info();
@@ -473,8 +708,8 @@ impl World {
                     reads: names(info.reads),
                     writes: names(info.writes),
                     bytes_per_cell: Some(self.device.bytes_per_cell(*pass, &self.plan.fields)),
-                    mean_ms: (timing.runs > 0).then(|| timing.total_s * 1e3 / timing.runs as f64),
-                    runs: timing.runs,
+                    mean_ms: None,
+                    runs: 0,
                 }
             })
             .collect();
@@ -520,14 +755,22 @@ impl World {
                 bytes: self.device.solver_bytes() as u64,
             });
         }
+        fields.push(FieldReport {
+            name: "watchdog_states".to_owned(),
+            place: "slot".to_owned(),
+            unit: "1".to_owned(),
+            bytes: self.device.saved_bytes() as u64,
+        });
         let bytes = fields.iter().map(|f| f.bytes).sum();
-        PlanReport {
+        let mut report = PlanReport {
             device: self.device.name(),
             ladders: ladders.collect(),
             courant_max: chosen.courant_max,
             passes,
             fields,
             bytes,
-        }
+        };
+        self.timings.put(&mut report);
+        report
     }
 }

@@ -121,7 +121,7 @@ pub trait Device: Send {
     /// Copies what a continuation needs, the fields of the state, to `slot`: a place on the device, made at the first use.
     fn save(&mut self, slot: usize);
     /// Gives `slot` the state that the last substep started from, by exchanging memory with it: nothing is copied, and what
-    /// `Start*` holds is undefined until the next substep. Call it after a substep's last stage and on a slot that was saved to before.
+    /// `Start*` and `Next*` hold is undefined until the next substep. Call it after a substep's last stage and on a slot that was saved to before.
     fn save_start(&mut self, slot: usize);
     /// Makes what `slot` keeps the state again, bit for bit; the slot keeps it too. `false`, and nothing is changed, where nothing
     /// was saved.

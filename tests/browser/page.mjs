@@ -277,6 +277,21 @@ try {
     await new Promise((resolve) => setTimeout(resolve, 700));
     return (await tickOf(page)) > before;
   });
+
+  // A tick that cannot be saved: the page says that the sky went back, and why, in words.
+  check("a good world has no badge", await page.locator("#health").isHidden(), await text(page, "#health"));
+  await askParent("STRIKE", "STRUCK");
+  await until("the badge says that the world is degraded", async () => {
+    const shown = await page.locator("#health").isVisible();
+    return { ok: shown && /Degraded/.test((await text(page, "#health-state")) ?? ""), shown };
+  });
+  check("it gives the reason and its code", /not finite.*\(not_finite\)/.test((await text(page, "#health-reason")) ?? ""), await text(page, "#health-reason"));
+  check("it is announced", (await page.locator("#health").getAttribute("role")) === "status", null);
+  const box = await page.locator("#health").boundingBox();
+  check("it is within the window", box !== null && box.x >= 0 && box.y >= 0 && box.x + box.width <= 1280 && box.y + box.height <= 720, box);
+  await page.screenshot({ path: `${outDir}/degraded.png`, timeout: STEP_LIMIT_MS });
+  const struckAt = await tickOf(page);
+  await until("it goes on all the same", async () => (await tickOf(page)) > struckAt);
   check("no script failed meanwhile", complaints.length === 0, complaints);
   await page.close();
 

@@ -15,6 +15,8 @@ use tokio::task::JoinHandle;
 use welkin_proto::{Scene, presets};
 use welkin_server::http::{AppState, serve_until};
 use welkin_server::limits::Limits;
+use welkin_server::watchdog::{Damage, Fault};
+use welkin_shaders::catalogue::Field;
 
 /// The driver ends by itself after four minutes; this is for a driver that does not.
 const DRIVER_LIMIT: Duration = Duration::from_secs(270);
@@ -24,6 +26,7 @@ struct Server {
     stop: oneshot::Sender<()>,
     serving: JoinHandle<std::io::Result<()>>,
     address: SocketAddr,
+    state: AppState,
 }
 
 impl Server {
@@ -33,11 +36,31 @@ impl Server {
         let state = AppState::new(Limits::default(), None).expect("the server starts");
         state.create_world(small_scene()).await.expect("the scene is good");
         let (stop, stopped) = oneshot::channel();
+        let worlds = state.clone();
         let stopping = async move {
             let _ = stopped.await; // a sender that was dropped stops it too
         };
         let serving = tokio::spawn(serve_until(listener, state, stopping));
-        Self { stop, serving, address }
+        Self {
+            stop,
+            serving,
+            address,
+            state: worlds,
+        }
+    }
+
+    /// Makes a tick of every world fail for good.
+    fn strike(&self) {
+        for host in self.state.worlds() {
+            let fault = Fault {
+                tick: host.summary().numbers.tick + 8,
+                substep: 0,
+                field: Field::VelocityX,
+                damage: Damage::Cell(0, f32::NAN),
+                strikes: u32::MAX,
+            };
+            host.inject(fault).expect("the world runs");
+        }
     }
 
     async fn stop(self) {
@@ -166,6 +189,10 @@ fn the_page_shows_a_live_sky_and_survives_the_loss_of_its_server() {
                 server = Some(runtime.block_on(Server::start(address)));
                 writeln!(to_driver, "STARTED").expect("the driver listens");
             }
+            "STRIKE" => {
+                server.as_ref().expect("STRIKE comes while it runs").strike();
+                writeln!(to_driver, "STRUCK").expect("the driver listens");
+            }
             "PASSED" => passed = true,
             other => println!("{other}"),
         }
@@ -179,7 +206,13 @@ fn the_page_shows_a_live_sky_and_survives_the_loss_of_its_server() {
     if let Some(running) = server.take() {
         runtime.block_on(running.stop());
     }
-    for picture in ["desktop.png", "lost.png", "phone.png", "phone-panel.png"] {
+    for picture in [
+        "desktop.png",
+        "lost.png",
+        "degraded.png",
+        "phone.png",
+        "phone-panel.png",
+    ] {
         let bytes = std::fs::metadata(out.join(picture)).map(|m| m.len()).unwrap_or(0);
         assert!(bytes > 10_000, "{picture} has {bytes} bytes");
     }

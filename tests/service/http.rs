@@ -216,6 +216,49 @@ async fn worlds_are_limited_in_number() {
 }
 
 #[tokio::test]
+async fn a_visitors_world_stops_when_nobody_looks_and_the_servers_own_stays() {
+    let server = server(Limits {
+        idle_world_s: 1.5,
+        ..Limits::default()
+    })
+    .await;
+    let body = json!({ "scene": scene() });
+    for path in ["/v1/worlds/w2", "/v1/worlds/w3"] {
+        let made = server.post("/v1/worlds", &body).await;
+        assert_eq!(made.header("location"), Some(path));
+    }
+    // A stream looks on; a listing does not, and asking for the world itself would count as looking.
+    let socket = server.stream("w3").await;
+    let ids = async || {
+        let list = server.get("/v1/worlds").await.json();
+        let ids = list.as_array().unwrap().iter();
+        ids.map(|w| w["id"].as_str().unwrap().to_owned()).collect::<Vec<_>>()
+    };
+    let until = async |wanted: &[&str]| {
+        let began = std::time::Instant::now();
+        while ids().await != wanted {
+            assert!(began.elapsed() < common::PATIENCE, "{:?}, not {wanted:?}", ids().await);
+            tokio::time::sleep(std::time::Duration::from_millis(50)).await;
+        }
+        began.elapsed()
+    };
+    until(&["w1", "w3"]).await;
+    tokio::time::sleep(std::time::Duration::from_secs(2)).await;
+    assert_eq!(ids().await, ["w1", "w3"]);
+    drop(socket);
+    let gone = until(&["w1"]).await;
+    assert!(
+        gone.as_secs_f64() > 1.0,
+        "it stopped after {gone:?}, its viewer had just left"
+    );
+    server
+        .get("/v1/worlds/w3")
+        .await
+        .assert_refused(404, "unknown_world", None);
+    assert_eq!(server.get("/v1/worlds/w1").await.status, 200);
+}
+
+#[tokio::test]
 async fn bad_scenes_are_refused_with_their_place() {
     let server = empty_server(Limits {
         cells_max: 100_000,

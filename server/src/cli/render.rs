@@ -83,6 +83,9 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
     if interrupted.load(Ordering::Relaxed) {
         return Ok(Outcome::Interrupted);
     }
+    if let Some(error) = world.halted_error() {
+        return Err(error.into());
+    }
     let simulate_s = began.elapsed().as_secs_f64();
     let snapshot = world.snapshot();
     let [width, height] = options.size;

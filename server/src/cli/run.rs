@@ -18,8 +18,8 @@ Examples:
   welkin run fair-weather-cumulus --until 2h --stats stats.csv
   welkin run my-scene.json --until 30m --stats stats.json --sounding omaha.txt";
 
-/// Numbers that mean something only where a clock paces the world or somebody looks at it.
-const LIVE_ONLY: [&str; 4] = ["frame_ms", "paused", "spinning_up", "time_scale"];
+/// Numbers that mean something only where a clock paces the world or somebody looks at it, and prose, which the log has.
+const LIVE_ONLY: [&str; 5] = ["frame_ms", "paused", "spinning_up", "time_scale", "trouble_message"];
 /// Columns that come first in a CSV file.
 const FIRST_COLUMNS: [&str; 3] = ["tick", "simulated_s", "utc"];
 
@@ -62,12 +62,9 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
         numbers.speed = numbers.simulated_s / began.elapsed().as_secs_f64();
         bar.set_position(numbers.simulated_s as u64);
         rows.push(row(&numbers)?);
-        if !world.is_finite() {
+        if let Some(error) = world.halted_error() {
             bar.abandon();
-            return Err(Failure(format!(
-                "the fields are no longer finite at tick {}",
-                numbers.tick
-            )));
+            return Err(error.into());
         }
     }
     bar.finish_and_clear();

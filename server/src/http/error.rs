@@ -27,6 +27,7 @@ pub fn status_of(code: &str) -> StatusCode {
         "upgrade_required" => StatusCode::UPGRADE_REQUIRED,
         "too_many_worlds" | "too_many_streams" | "busy" => StatusCode::TOO_MANY_REQUESTS,
         "render_too_long" => StatusCode::SERVICE_UNAVAILABLE,
+        "unstable" => StatusCode::UNPROCESSABLE_ENTITY,
         "internal" => StatusCode::INTERNAL_SERVER_ERROR,
         _ => StatusCode::BAD_REQUEST,
     }

@@ -23,7 +23,9 @@ impl FromRequestParts<AppState> for WorldOf {
 
     async fn from_request_parts(parts: &mut Parts, state: &AppState) -> Result<Self, Refusal> {
         let Path(id) = name_in_path(parts, state).await?;
-        Ok(Self(state.world(&id)?))
+        let host = state.world(&id)?;
+        host.view().looked_at();
+        Ok(Self(host))
     }
 }
 

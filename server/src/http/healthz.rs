@@ -5,6 +5,7 @@ use axum::extract::State;
 use axum::http::StatusCode;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use welkin_proto::wire::HealthState;
 
 use super::route::Route;
 use super::state::AppState;
@@ -12,7 +13,7 @@ use super::state::AppState;
 /// The server's health.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Health {
-    /// `ok`, or `degraded` where a world has stopped by itself (the status is then 503).
+    /// `ok`; `degraded` where a world is not good but runs on; `halted` where one has stopped by itself (the status is then 503).
     pub status: String,
     /// The server's version.
     pub version: String,
@@ -39,12 +40,24 @@ pub struct WorldHealth {
     pub tick: u64,
     /// Wall seconds since it last published.
     pub tick_age_s: f64,
+    /// What its watchdog says.
+    pub health: HealthState,
+    /// Stable code of its last trouble; absent where there was none.
+    pub trouble_code: Option<String>,
+    /// The last trouble and what was done about it.
+    pub trouble_message: Option<String>,
+    /// Tick of the last trouble.
+    pub trouble_tick: Option<u64>,
+    /// Tries of a tick that were thrown away, since the start.
+    pub retries: u64,
+    /// Times that it went back to an earlier state, since the start.
+    pub restores: u64,
 }
 
 /// The route.
 pub fn route() -> Route {
     Route::get("/healthz", "Whether the server and its worlds are alive", healthz)
-        .json::<Health>(200, "All is well.")
+        .json::<Health>(200, "Every world runs; one may be degraded.")
         .json::<Health>(503, "A world has stopped by itself.")
 }
 
@@ -53,21 +66,34 @@ async fn healthz(State(state): State<AppState>) -> (StatusCode, Json<Health>) {
     let mut worlds = Vec::new();
     for host in state.worlds() {
         let newest = host.view().newest();
-        let device = newest.snapshot.plan.device.clone();
+        let device = host.view().device().to_owned();
         if !devices.contains(&device) {
             devices.push(device);
         }
+        let numbers = &newest.snapshot.numbers;
         worlds.push(WorldHealth {
             id: host.view().id.to_string(),
             running: host.view().is_running(),
-            paused: newest.snapshot.numbers.paused,
-            tick: newest.snapshot.numbers.tick,
+            paused: numbers.paused,
+            tick: numbers.tick,
             tick_age_s: newest.at.elapsed().as_secs_f64(),
+            health: numbers.health,
+            trouble_code: numbers.trouble_code.clone(),
+            trouble_message: numbers.trouble_message.clone(),
+            trouble_tick: numbers.trouble_tick,
+            retries: numbers.retries,
+            restores: numbers.restores,
         });
     }
-    let well = worlds.iter().all(|w| w.running);
+    let runs = worlds.iter().all(|w| w.running && w.health != HealthState::Halted);
+    let good = worlds.iter().all(|w| w.health == HealthState::Good);
     let health = Health {
-        status: if well { "ok" } else { "degraded" }.to_owned(),
+        status: match (runs, good) {
+            (false, _) => "halted",
+            (true, false) => "degraded",
+            (true, true) => "ok",
+        }
+        .to_owned(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         devices,
         uptime_s: state.started().elapsed().as_secs_f64(),
@@ -75,7 +101,7 @@ async fn healthz(State(state): State<AppState>) -> (StatusCode, Json<Health>) {
         worlds,
     };
     (
-        if well {
+        if runs {
             StatusCode::OK
         } else {
             StatusCode::SERVICE_UNAVAILABLE

@@ -106,6 +106,7 @@ pub async fn serve_until(
     });
     let (stopping, stopped) = tokio::sync::oneshot::channel();
     let worlds = state.clone();
+    let idle = state.clone();
     let served = axum::serve(listener, router(state)).with_graceful_shutdown(async move {
         stop.await;
         worlds.shut_down().await;
@@ -118,9 +119,14 @@ pub async fn serve_until(
         }
         tokio::time::sleep(SHUT_DOWN_WITHIN).await;
     };
+    let never_idle = async move {
+        idle.stop_idle_worlds().await;
+        std::future::pending::<()>().await
+    };
     tokio::select! {
         result = served => result,
         () = too_long => Ok(()),
+        () = never_idle => Ok(()),
     }
 }
 

@@ -34,6 +34,7 @@ pub fn route() -> Route {
         .error("unknown_preset")
         .error("busy")
         .error("render_too_long")
+        .error("unstable")
         .error("internal")
 }
 
@@ -104,6 +105,9 @@ fn run(
     world.advance_to(wish.simulated_s, |_| {
         began.elapsed() < deadline && !abandoned.load(Ordering::Relaxed)
     });
+    if let Some(error) = world.halted_error() {
+        return Err(error);
+    }
     let snapshot = world.snapshot();
     let reached_s = snapshot.numbers.simulated_s;
     if reached_s < wish.simulated_s - 1e-6 {

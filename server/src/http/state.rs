@@ -1,9 +1,9 @@
 //! What all requests share: the worlds, the renderer, the limits.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use tokio::sync::Semaphore;
 use welkin_proto::{ApiError, Scene};
@@ -13,6 +13,10 @@ use crate::host::Host;
 use crate::host::renderer::RenderService;
 use crate::limits::Limits;
 use crate::machine::Machine;
+
+/// Idle worlds are looked for ten times in the time that they have, but no more and no less often than this.
+const IDLE_CHECK_MIN: Duration = Duration::from_millis(50);
+const IDLE_CHECK_MAX: Duration = Duration::from_secs(30);
 
 /// Shared by every request; cheap to clone.
 #[derive(Clone)]
@@ -33,6 +37,8 @@ struct Shared {
 #[derive(Default)]
 struct Worlds {
     running: BTreeMap<u64, Arc<Host>>,
+    /// Those that stop when nobody looks.
+    passing: BTreeSet<u64>,
     starting: usize,
     made: u64,
 }
@@ -117,10 +123,22 @@ impl AppState {
         })
     }
 
-    /// Starts a world and returns once its first state is there. Its id is new, never one that was used before.
+    /// Starts a world that stays until it is deleted and returns once its first state is there. Its id is new, never one that was used
+    /// before.
     ///
     /// Errors: `too_many_worlds`, those of [`Host::spawn`].
     pub async fn create_world(&self, scene: Scene) -> Result<Arc<Host>, ApiError> {
+        self.start_world(scene, true).await
+    }
+
+    /// The same for a visitor's world, which stops when nobody has looked at it for the time that the limits give.
+    ///
+    /// Errors: those of [`AppState::create_world`].
+    pub async fn create_passing_world(&self, scene: Scene) -> Result<Arc<Host>, ApiError> {
+        self.start_world(scene, false).await
+    }
+
+    async fn start_world(&self, scene: Scene, stays: bool) -> Result<Arc<Host>, ApiError> {
         let most = self.shared.limits.worlds_max;
         let number = {
             let mut worlds = self.worlds_locked();
@@ -143,6 +161,9 @@ impl AppState {
             worlds.starting -= 1;
             if let Ok(host) = &host {
                 worlds.running.insert(number, host.clone());
+                if !stays {
+                    worlds.passing.insert(number);
+                }
             }
             host
         });
@@ -154,13 +175,41 @@ impl AppState {
     /// Errors: `unknown_world`.
     pub async fn delete_world(&self, id: &str) -> Result<(), ApiError> {
         let host = self.world(id)?;
-        self.worlds_locked()
-            .running
-            .retain(|_, running| !Arc::ptr_eq(running, &host));
+        {
+            let mut worlds = self.worlds_locked();
+            let Worlds { running, passing, .. } = &mut *worlds;
+            running.retain(|_, running| !Arc::ptr_eq(running, &host));
+            passing.retain(|number| running.contains_key(number));
+        }
         self.shared.renderer.forget(&host.view().id);
         tokio::task::spawn_blocking(move || host.shut_down())
             .await
             .map_err(internal)
+    }
+
+    /// Stops visitors' worlds as they fall idle, for ever; returns at once where the limits keep them.
+    pub async fn stop_idle_worlds(&self) {
+        let Some(most) = Duration::try_from_secs_f64(self.shared.limits.idle_world_s)
+            .ok()
+            .filter(|d| !d.is_zero())
+        else {
+            return;
+        };
+        let pause = (most / 10).clamp(IDLE_CHECK_MIN, IDLE_CHECK_MAX);
+        loop {
+            tokio::time::sleep(pause).await;
+            let idle: Vec<Arc<Host>> = {
+                let worlds = self.worlds_locked();
+                let passing = worlds.passing.iter().filter_map(|number| worlds.running.get(number));
+                passing.filter(|host| host.view().idle() > most).cloned().collect()
+            };
+            for host in idle {
+                let id = &host.view().id;
+                tracing::info!(world = %id, "nobody has looked at it for {:.0} s; it is stopped", most.as_secs_f64());
+                // One that was deleted meanwhile has stopped already.
+                let _ = self.delete_world(id).await;
+            }
+        }
     }
 
     /// Stops all worlds.

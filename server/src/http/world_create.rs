@@ -12,12 +12,17 @@ use super::state::AppState;
 
 /// The route.
 pub fn route() -> Route {
-    Route::post("/v1/worlds", "Start a world from a preset or a scene", create)
-        .body::<CreateWorld>()
-        .json::<WorldSummary>(201, "It runs; `Location` names it.")
-        .error("out_of_range")
-        .error("unknown_preset")
-        .error("too_many_worlds")
+    Route::post(
+        "/v1/worlds",
+        "Start a world from a preset or a scene; it stops when nobody has looked at it for a while",
+        create,
+    )
+    .body::<CreateWorld>()
+    .json::<WorldSummary>(201, "It runs; `Location` names it.")
+    .error("out_of_range")
+    .error("unknown_preset")
+    .error("too_many_worlds")
+    .error("unstable")
 }
 
 async fn create(
@@ -27,7 +32,7 @@ async fn create(
     let mut document = parse_json(&text)?;
     let scene = take_scene(&mut document, state.limits())?;
     let CreateWorld { .. } = read(document)?; // refuses fields that nobody knows
-    let summary = state.create_world(scene).await?.summary();
+    let summary = state.create_passing_world(scene).await?.summary();
     let location = format!("/v1/worlds/{}", summary.id);
     Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(summary)))
 }

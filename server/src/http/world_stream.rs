@@ -110,6 +110,7 @@ struct Stream {
 }
 
 async fn run(socket: WebSocket, state: AppState, world: View, _permit: StreamPermit) {
+    let _looking = world.look();
     let stall = Duration::try_from_secs_f64(state.limits().stall_timeout_s).unwrap_or(Duration::MAX);
     let now = Instant::now();
     let mut stream = Stream {

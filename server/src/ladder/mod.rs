@@ -316,8 +316,9 @@ pub(crate) fn run(
         walls_s.push(wall_s / f64::from(steps.max(1)));
         ticks += 1;
         substeps += u64::from(steps);
-        if !world.is_finite() {
-            return Ok(Err(format!("not finite at {:.0} simulated s", world.simulated_s())));
+        if !world.ran_through() {
+            let trouble = world.watchdog().trouble().map(|(_, trouble)| trouble.message.clone());
+            return Ok(Err(trouble.unwrap_or_default()));
         }
         (case.watch)(&world, &mut kept);
         if !(context.progress)(shown, world.simulated_s() / case.end_s) {

@@ -24,8 +24,8 @@ pub enum ValidateError {
     /// The scene was refused.
     #[error(transparent)]
     Refused(#[from] ApiError),
-    /// A field is no longer finite.
-    #[error("{0}: the fields are no longer finite at {1} simulated s")]
+    /// The watchdog had to undo a tick.
+    #[error("{0}: the watchdog had to undo a tick and went back to {1} simulated s")]
     NotFinite(String, f64),
     /// Somebody wants it to end.
     #[error("interrupted")]
@@ -233,12 +233,12 @@ impl Context<'_> {
         world.advance_to(until_s, |world| {
             each(world);
             going = (self.progress)(what, world.simulated_s(), until_s);
-            going && world.is_finite()
+            going && world.ran_through()
         });
         if !going {
             return Err(ValidateError::Interrupted);
         }
-        if world.is_finite() {
+        if world.ran_through() {
             Ok(())
         } else {
             Err(ValidateError::NotFinite(what.to_owned(), world.simulated_s()))

@@ -81,8 +81,15 @@ impl Fields {
     pub fn exchange_start(&mut self, slot: usize) {
         let Some(slot) = self.slots.get_mut(slot) else { return };
         for (field, kept) in Field::STATE.into_iter().zip(slot) {
-            if let Some(start) = field.start() {
-                std::mem::swap(&mut self.values[start as usize], kept);
+            // A method of one stage has no use for `Start*`: what was the state is then in the memory of `Next*`.
+            let from = [field.start(), field.next()]
+                .into_iter()
+                .flatten()
+                .find(|f| !self.values[*f as usize].is_empty());
+            match from {
+                Some(from) => std::mem::swap(&mut self.values[from as usize], kept),
+                // Nothing steps this field, so it is now what it was at the start.
+                None => copy(&self.values[field as usize], kept),
             }
         }
     }

@@ -432,10 +432,13 @@ impl Device for Gpu {
         }
         let Some(slot) = self.slots.get_mut(slot) else { return };
         for (field, kept) in Field::STATE.into_iter().zip(slot) {
-            if let Some(start) = field.start()
-                && self.memory[start as usize].is_some()
-            {
-                std::mem::swap(&mut self.memory[start as usize], kept);
+            // A method of one stage has no use for `Start*`: what was the state is then in the memory of `Next*`.
+            let from = [field.start(), field.next()]
+                .into_iter()
+                .flatten()
+                .find(|f| self.memory[*f as usize].is_some());
+            if let Some(from) = from {
+                std::mem::swap(&mut self.memory[from as usize], kept);
             }
         }
     }
