@@ -136,10 +136,11 @@ pub fn sun(sun: &Sun, pointer: &str) -> Result<(), ApiError> {
     }
 }
 
-/// Judges a command. Errors: `out_of_range`, with a pointer into the command's own document.
+/// Judges a command by itself. Errors: `out_of_range`, with a pointer into the command's own document. Effects depend on the world's scene: those are
+/// judged there.
 pub fn command(command: &Command) -> Result<(), ApiError> {
     match command {
-        Command::Pause {} | Command::Resume {} => Ok(()),
+        Command::Pause {} | Command::Resume {} | Command::Effects { .. } => Ok(()),
         Command::TimeScale { time_scale } => range("/time_scale", *time_scale, 0.01, 1000.0),
         Command::Sun { sun: source } => sun(source, "/sun"),
         Command::Wind { add_x_m_s, add_y_m_s } => {

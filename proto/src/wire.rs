@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
-use crate::scene::Sun;
+use crate::scene::{Effects, Sun};
 
 /// Version of the stream protocol; the server says it in [`ServerMessage::Hello`].
 pub const PROTOCOL_VERSION: u32 = 1;
@@ -125,6 +125,12 @@ pub enum Command {
         add_x_m_s: f64,
         /// Added towards the north, m/s.
         add_y_m_s: f64,
+    },
+    /// Simulate and draw other effects from now on. The world runs on while they are made ready; what both have in common goes on as it is, a field that is
+    /// new starts from the base state.
+    Effects {
+        /// All effects, as in a scene: a block that is missing is switched off.
+        effects: Box<Effects>,
     },
 }
 
@@ -293,7 +299,7 @@ pub struct RenderRequest {
 }
 
 /// The plan of a world: what runs, why, and what it costs.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PlanReport {
     /// The device that runs it.
     pub device: String,

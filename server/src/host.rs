@@ -13,12 +13,13 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::watch;
 use welkin_proto::report::BaseStateReport;
+use welkin_proto::scene::Effects;
 use welkin_proto::wire::{Command, PlanReport, WorldSummary};
 use welkin_proto::{ApiError, Scene, validate};
 
+use crate::change::Change;
 use crate::machine::Machine;
 use crate::picture::{self, StageTime};
-use crate::plan::Timings;
 use crate::watchdog::Fault;
 use crate::world::{Snapshot, World};
 
@@ -50,8 +51,8 @@ pub struct View {
     commands: mpsc::Sender<Order>,
     frame_ms_bits: Arc<AtomicU64>,
     view_times: Arc<Mutex<Vec<StageTime>>>,
-    plan: Arc<PlanReport>,
-    timings: Arc<Timings>,
+    machine: Arc<Machine>,
+    device: Arc<str>,
     attention: Arc<Mutex<Attention>>,
 }
 
@@ -99,7 +100,7 @@ impl View {
 
     /// What the world runs on.
     pub fn device(&self) -> &str {
-        &self.plan.device
+        self.device.as_ref()
     }
 
     /// The newest publication.
@@ -117,13 +118,18 @@ impl View {
     /// Errors: `out_of_range` with a pointer into the command, `world_stopped`.
     pub fn command(&self, command: Command) -> Result<(), ApiError> {
         validate::command(&command)?;
+        if let Command::Effects { effects } = &command {
+            // Judged here, so that whoever asks is told; what can fail later is memory.
+            Change::judge(&self.newest().snapshot.scene, effects.as_ref().clone(), &self.machine)?;
+        }
         self.commands.send(Order::Command(command)).map_err(|_| world_stopped())
     }
 
     /// The plan with what its passes and the view's stages have cost so far.
     pub fn plan(&self) -> PlanReport {
-        let mut plan = self.plan.as_ref().clone();
-        self.timings.put(&mut plan);
+        let newest = self.newest();
+        let mut plan = newest.snapshot.plan.as_ref().clone();
+        newest.snapshot.timings.put(&mut plan);
         let times = self.view_times.lock().unwrap_or_else(PoisonError::into_inner);
         picture::put_times(&mut plan, &times);
         plan
@@ -151,6 +157,8 @@ pub struct Host {
 
 enum Order {
     Command(Command),
+    /// Other effects are ready, or could not be made.
+    Adopt(Box<Result<Change, ApiError>>),
     Fault(Fault),
     Stop,
 }
@@ -167,10 +175,12 @@ impl Host {
         let frame_ms_bits = Arc::new(AtomicU64::new(f64::NAN.to_bits()));
         let frame_ms = frame_ms_bits.clone();
         let name = id.to_owned();
+        let theirs = machine.clone();
+        let to_itself = commands.clone();
         let thread = std::thread::Builder::new()
             .name(format!("world-{id}"))
             .spawn(move || {
-                let world = match World::new(scene, machine) {
+                let world = match World::new(scene, theirs) {
                     Ok(world) => world,
                     Err(error) => {
                         let _ = ready.send(Err(error)); // the spawner waits for it and cannot be gone
@@ -178,11 +188,11 @@ impl Host {
                     }
                 };
                 let base_state = world.base_state().report.clone();
-                let (plan, timings) = (Arc::new(world.plan_report()), Arc::clone(world.timings()));
+                let device = Arc::from(world.device().name());
                 let pool = Arc::clone(world.pool());
-                let (mut runner, published) = Runner::new(world, frame_ms);
+                let (mut runner, published) = Runner::new(world, frame_ms, to_itself);
                 let scene = Arc::new(runner.world.scene().clone());
-                if ready.send(Ok((scene, base_state, published, plan, timings))).is_ok() {
+                if ready.send(Ok((scene, base_state, published, device))).is_ok() {
                     // The whole life on the world's own threads: no tick is handed over to them.
                     pool.install(move || runner.run(&orders));
                 }
@@ -192,7 +202,7 @@ impl Host {
                 tracing::error!(%error, "cannot start a world's thread");
                 ApiError::new("internal", "the world could not be started")
             })?;
-        let (scene, base_state, published, plan, timings) = match started.recv() {
+        let (scene, base_state, published, device) = match started.recv() {
             Ok(Ok(parts)) => parts,
             Ok(Err(error)) => return Err(error),
             Err(_) => {
@@ -207,8 +217,8 @@ impl Host {
             commands,
             frame_ms_bits,
             view_times: Arc::default(),
-            plan,
-            timings,
+            machine: Arc::new(machine),
+            device,
             attention: Arc::new(Mutex::new(Attention {
                 streams: 0,
                 last: Instant::now(),
@@ -275,6 +285,8 @@ fn world_stopped() -> ApiError {
 struct Runner {
     world: World,
     publisher: watch::Sender<Arc<Published>>,
+    /// For what other threads make ready for the world.
+    orders: mpsc::Sender<Order>,
     revision: u64,
     frame_ms_bits: Arc<AtomicU64>,
     paused: bool,
@@ -283,7 +295,11 @@ struct Runner {
 }
 
 impl Runner {
-    fn new(world: World, frame_ms_bits: Arc<AtomicU64>) -> (Self, watch::Receiver<Arc<Published>>) {
+    fn new(
+        world: World,
+        frame_ms_bits: Arc<AtomicU64>,
+        orders: mpsc::Sender<Order>,
+    ) -> (Self, watch::Receiver<Arc<Published>>) {
         let time_scale = world.scene().time.time_scale;
         let first = Arc::new(Published {
             revision: 0,
@@ -295,6 +311,7 @@ impl Runner {
         let mut runner = Self {
             world,
             publisher,
+            orders,
             revision: 0,
             frame_ms_bits,
             paused: false,
@@ -309,7 +326,7 @@ impl Runner {
         self.revision += 1;
         let spinning_up = self.world.spinning_up();
         let mut snapshot = self.world.snapshot();
-        if snapshot.volume.is_none() {
+        if snapshot.volume.is_none() && snapshot.scene.effects.moisture.is_some() {
             // A device that was lost gives no cloud any more: the last one stays in sight.
             snapshot.volume = self.publisher.borrow().snapshot.volume.clone();
         }
@@ -361,6 +378,13 @@ impl Runner {
             };
             match order {
                 Ok(Order::Stop) | Err(mpsc::RecvTimeoutError::Disconnected) => return,
+                Ok(Order::Adopt(made)) => match *made {
+                    Ok(change) => {
+                        self.world.adopt(change);
+                        self.publish();
+                    }
+                    Err(error) => tracing::error!(%error, "other effects could not be made ready; the world goes on as it is"),
+                },
                 Ok(Order::Fault(fault)) => self.world.inject(fault),
                 Ok(Order::Command(command)) => {
                     self.obey(command);
@@ -391,6 +415,19 @@ impl Runner {
         }
     }
 
+    /// Makes other effects ready on a thread of its own; ticks go on meanwhile.
+    fn prepare(&self, effects: Effects) {
+        let (scene, machine) = (self.world.scene().clone(), self.world.machine().clone());
+        let ready = self.orders.clone();
+        let work = move || {
+            let change = Change::prepare(&scene, effects, &machine);
+            let _ = ready.send(Order::Adopt(Box::new(change))); // a world that has stopped needs none
+        };
+        if let Err(error) = std::thread::Builder::new().name("effects".into()).spawn(work) {
+            tracing::error!(%error, "cannot start a thread for other effects");
+        }
+    }
+
     fn obey(&mut self, command: Command) {
         match command {
             Command::Pause {} => self.paused = true,
@@ -404,6 +441,7 @@ impl Runner {
             Command::TimeScale { time_scale } => self.time_scale = time_scale,
             Command::Sun { sun } => self.world.set_sun(sun),
             Command::Wind { add_x_m_s, add_y_m_s } => self.world.add_wind(add_x_m_s, add_y_m_s),
+            Command::Effects { effects } => self.prepare(*effects),
         }
     }
 }

@@ -2,6 +2,7 @@
 
 pub mod base_state;
 pub mod bench;
+pub mod change;
 pub mod cli;
 pub mod endurance;
 pub mod host;

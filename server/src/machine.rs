@@ -6,7 +6,7 @@ use welkin_proto::ApiError;
 use welkin_shaders::Device;
 use welkin_shaders::cpu::Cpu;
 use welkin_shaders::cpu::sim::Parameters;
-use welkin_shaders::gpu::{AdapterChoice, Context, Gpu, GpuError, ViewStages};
+use welkin_shaders::gpu::{AdapterChoice, Context, Gpu, GpuError, ViewStages, dispatches};
 
 use crate::plan::Plan;
 
@@ -133,6 +133,30 @@ impl Compute {
             Compute::Cpu => None,
             Compute::Gpu(adapter) => Some(adapter.context()),
         }
+    }
+
+    /// Whether the device has every pass of a plan. Errors: `method_needs_cpu`.
+    pub fn supports(&self, plan: &Plan) -> Result<(), ApiError> {
+        let missing = match self {
+            Compute::Cpu => None,
+            Compute::Gpu(_) => plan.passes.iter().find(|p| !dispatches::is_there(**p)),
+        };
+        missing.map_or(Ok(()), |pass| {
+            Err(gpu_failure(&GpuError::NoShader {
+                pass: pass.info().name,
+            }))
+        })
+    }
+
+    /// Opens the adapter again if it is lost. Errors: `no_adapter`, `adapter_insufficient`.
+    pub fn reopen(&self) -> Result<(), ApiError> {
+        if let Compute::Gpu(adapter) = self {
+            let context = adapter.context();
+            if context.check().is_err() {
+                adapter.reopen(&context).map_err(|error| gpu_failure(&error))?;
+            }
+        }
+        Ok(())
     }
 
     /// A device for a world of that plan.

@@ -324,6 +324,22 @@ impl Watchdog {
         Fallback { slot, mark }
     }
 
+    /// Notes that the device was lost and its kept states with it, and that the world stands at `mark` again, which all slots hold.
+    pub fn rebuilt(&mut self, tick: u64, simulated_s: f64, trouble: Trouble, mark: &Mark) {
+        self.marks.fill(mark.clone());
+        self.health = HealthState::Degraded;
+        self.restores += 1;
+        self.failed_s = self.failed_s.max(simulated_s);
+        let message = format!("{}; rebuilt at simulated second {:.0}", trouble.message, mark.simulated_s);
+        self.trouble = Some((tick, Trouble { message, ..trouble }));
+    }
+
+    /// Notes that all slots hold the state at `mark`, and that ticks are held to other bounds from now on.
+    pub fn changed(&mut self, bounds: Bounds, mark: &Mark) {
+        self.bounds = bounds;
+        self.marks.fill(mark.clone());
+    }
+
     /// Notes that the world cannot go on whatever is restored.
     pub fn halt(&mut self, tick: u64, trouble: Trouble) {
         self.health = HealthState::Halted;

@@ -1,7 +1,7 @@
 //! A world: one scene that runs. It owns its device and its clock; whoever owns it decides how fast ticks follow each other.
 
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use welkin_proto::scene::Sun;
 use welkin_proto::wire::{FieldReport, HealthState, LadderReport, Numbers, PassReport, PlanReport};
@@ -13,6 +13,7 @@ use welkin_shaders::cpu::sim::parameters::DiffusionScheme;
 use welkin_shaders::{CloudReductions, CloudVolume, Device, Reductions, Substep, Vitals};
 
 use crate::base_state::{self, BaseState};
+use crate::change::Change;
 use crate::machine::Machine;
 use crate::plan::{Plan, Timings};
 use crate::watchdog::{Bounds, Damage, Fault, HALVINGS, Mark, Trouble, Watchdog};
@@ -20,14 +21,18 @@ use crate::{initial, parameters, sun};
 
 /// See [`World::unwatched_tick_s`].
 const UNWATCHED_TICK_S: f64 = 20.0;
+/// Wall time between copies of a GPU's state to the host.
+const HOST_COPY_EVERY: Duration = Duration::from_secs(5);
 /// A substep is never longer than this share of a buoyancy oscillation's 1/N, which the explicit scheme must follow.
 const BUOYANCY_PHASE_MAX: f64 = 1.0;
 
 /// A running scene.
 pub struct World {
-    scene: Scene,
+    scene: Arc<Scene>,
     base: BaseState,
     plan: Plan,
+    report: Arc<PlanReport>,
+    machine: Machine,
     parameters: Arc<Parameters>,
     device: Box<dyn Device>,
     pool: Arc<rayon::ThreadPool>,
@@ -48,6 +53,14 @@ pub struct World {
     /// Whether somebody changed the state since it was reduced last.
     touched: bool,
     faults: Vec<Fault>,
+    host_copy: Option<HostCopy>,
+}
+
+/// A good state in the host's memory, from which a world is rebuilt whose device was lost.
+struct HostCopy {
+    fields: Vec<(Field, Vec<f32>)>,
+    mark: Mark,
+    made: Instant,
 }
 
 /// What a tick publishes; immutable and cheap to clone.
@@ -59,6 +72,12 @@ pub struct Snapshot {
     pub volume: Option<Arc<CloudVolume>>,
     /// Unit vector towards the sun: x east, y north, z up.
     pub sun_direction: [f32; 3],
+    /// The scene, with the effects that it has now.
+    pub scene: Arc<Scene>,
+    /// What runs.
+    pub plan: Arc<PlanReport>,
+    /// What it costs; it goes on counting.
+    pub timings: Arc<Timings>,
 }
 
 impl World {
@@ -105,8 +124,11 @@ impl World {
             watchdog: Watchdog::new(bounds, &first),
             touched: false,
             faults: Vec::new(),
+            host_copy: None,
+            machine,
+            report: Arc::default(),
             timings: Arc::default(),
-            scene,
+            scene: Arc::new(scene),
             base,
             plan,
             parameters,
@@ -143,6 +165,8 @@ impl World {
             world.watchdog = Watchdog::new(bounds, &world.mark());
             Ok(())
         })?;
+        world.keep_host_copy();
+        world.report = Arc::new(world.plan_report());
         Ok(world)
     }
 
@@ -165,6 +189,11 @@ impl World {
     /// The scene it runs.
     pub fn scene(&self) -> &Scene {
         &self.scene
+    }
+
+    /// What it computes on.
+    pub fn machine(&self) -> &Machine {
+        &self.machine
     }
 
     /// The air it started from.
@@ -316,12 +345,16 @@ impl World {
             let mut saved = false;
             let Err(trouble) = self.try_tick(length_s, factor, &start, &mut saved) else {
                 self.watchdog.good(&start, saved, self.simulated_s);
+                self.keep_host_copy();
                 break;
             };
             if let Some(lost) = self.device_lost() {
-                self.recall(&start);
                 tracing::error!(tick = self.tick, "{}", lost.message);
-                self.watchdog.halt(self.tick, lost);
+                if let Err(error) = self.rebuild(start.simulated_s, &lost) {
+                    self.recall(&start);
+                    let message = format!("{}; it could not be rebuilt: {error}", lost.message);
+                    self.watchdog.halt(self.tick, Trouble { message, ..lost });
+                }
                 break;
             }
             tracing::warn!(tick = self.tick, code = trouble.code, halvings, "{}", trouble.message);
@@ -353,6 +386,94 @@ impl World {
     }
 
     /// A device that is gone for good, as trouble.
+    /// Copies the state to the host where the device may be lost, when the last copy has become old.
+    fn keep_host_copy(&mut self) {
+        let fresh = |copy: &HostCopy| copy.made.elapsed() < HOST_COPY_EVERY;
+        if !self.device.lags() || self.host_copy.as_ref().is_some_and(fresh) {
+            return;
+        }
+        let held = Field::STATE.into_iter().filter(|f| self.plan.fields.contains(f));
+        // A device that is lost meanwhile answers nothing; the copy before stays.
+        let fields: Option<Vec<_>> = held.map(|f| Some((f, self.device.read(f)?.into_owned()))).collect();
+        if let Some(fields) = fields {
+            self.host_copy = Some(HostCopy {
+                fields,
+                mark: self.mark(),
+                made: Instant::now(),
+            });
+        }
+    }
+
+    /// Opens the device again and goes on from the host's copy of the state. Errors: the adapter is gone, or refuses what it gave before.
+    fn rebuild(&mut self, failed_s: f64, lost: &Trouble) -> Result<(), ApiError> {
+        let copy = self.host_copy.take();
+        let copy = copy.ok_or_else(|| ApiError::new("device_lost", "the host holds no state"))?;
+        self.machine.compute.reopen()?;
+        self.parameters = Arc::clone(&copy.mark.parameters);
+        let mut device = self.machine.compute.device(&self.parameters, &self.plan)?;
+        for (field, values) in &copy.fields {
+            device.write(*field, values);
+        }
+        self.device = device;
+        self.recall(&copy.mark);
+        self.publish();
+        Watchdog::slots().for_each(|slot| self.device.save(slot));
+        self.watchdog.rebuilt(self.tick, failed_s, lost.clone(), &copy.mark);
+        self.host_copy = Some(copy);
+        Ok(())
+    }
+
+    /// Takes a change of effects over: what both plans hold goes on as it is, what is new starts from the base state. The clock stays.
+    pub fn adopt(&mut self, change: Change) {
+        let Change {
+            scene,
+            plan,
+            mut parameters,
+            mut device,
+        } = change;
+        for field in Field::STATE {
+            if self.plan.fields.contains(&field)
+                && let Some(values) = self.device.read(field)
+            {
+                // A field that the new plan lacks is refused and dropped.
+                device.write(field, &values);
+            }
+        }
+        // Winds that commands have added stay.
+        let p = Arc::make_mut(&mut parameters);
+        p.base_wind_x_m_s.clone_from(&self.parameters.base_wind_x_m_s);
+        p.base_wind_y_m_s.clone_from(&self.parameters.base_wind_y_m_s);
+        if let (Some(new), Some(old)) = (&mut p.coriolis, &self.parameters.coriolis) {
+            new.clone_from(old);
+        }
+        device.set_parameters(p);
+        let sun = self.scene.sun.clone();
+        self.scene = Arc::new(Scene { sun, ..scene });
+        self.plan = plan;
+        self.parameters = parameters;
+        self.device = device;
+        self.passes = [Phase::Step, Phase::Stage, Phase::Publish].map(|p| self.plan.phase(p));
+        self.timings = Arc::default();
+        self.reductions = Reductions {
+            finite: true,
+            ..Reductions::default()
+        };
+        self.touched = true;
+        self.on_threads(|world| {
+            world.refresh();
+            Watchdog::slots().for_each(|slot| world.device.save(slot));
+        });
+        let bounds = Bounds::new(
+            self.plan.chosen.courant_max.unwrap_or(1.0),
+            &self.parameters.methods,
+            self.device.lags(),
+        );
+        self.watchdog.changed(bounds, &self.mark());
+        self.host_copy = None;
+        self.keep_host_copy();
+        self.report = Arc::new(self.plan_report());
+    }
+
     fn device_lost(&self) -> Option<Trouble> {
         let error = self.device.trouble()?;
         Some(Trouble {
@@ -596,7 +717,7 @@ impl World {
 
     /// Places the sun, or gives it to the clock.
     pub fn set_sun(&mut self, sun: Sun) {
-        self.scene.sun = sun;
+        Arc::make_mut(&mut self.scene).sun = sun;
     }
 
     /// The world's numbers. What its host knows better (speed, time scale, pause, milliseconds a frame) is left at its default.
@@ -655,6 +776,9 @@ impl World {
             sun_direction: sun::direction([numbers.sun_elevation_deg, numbers.sun_azimuth_deg]),
             numbers,
             volume,
+            scene: Arc::clone(&self.scene),
+            plan: Arc::clone(&self.report),
+            timings: Arc::clone(&self.timings),
         }
     }
 

@@ -267,7 +267,7 @@ impl Kept {
                     .or_insert_with(|| Renderer::new(&self.compute));
                 let picture = Arc::new(renderer.render(
                     &published.snapshot,
-                    &world.scene,
+                    &published.snapshot.scene,
                     &request.camera,
                     request.width,
                     request.height,

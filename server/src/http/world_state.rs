@@ -43,6 +43,6 @@ async fn state(WorldOf(host): WorldOf) -> Json<WorldState> {
         device: summary.device,
         numbers: summary.numbers,
         base_state: host.base_state().clone(),
-        scene: host.view().scene.as_ref().clone(),
+        scene: host.view().newest().snapshot.scene.as_ref().clone(),
     })
 }
