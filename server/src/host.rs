@@ -383,7 +383,9 @@ impl Runner {
                         self.world.adopt(change);
                         self.publish();
                     }
-                    Err(error) => tracing::error!(%error, "other effects could not be made ready; the world goes on as it is"),
+                    Err(error) => {
+                        tracing::error!(%error, "other effects could not be made ready; the world goes on as it is")
+                    }
                 },
                 Ok(Order::Fault(fault)) => self.world.inject(fault),
                 Ok(Order::Command(command)) => {

@@ -142,9 +142,7 @@ impl Compute {
             Compute::Gpu(_) => plan.passes.iter().find(|p| !dispatches::is_there(**p)),
         };
         missing.map_or(Ok(()), |pass| {
-            Err(gpu_failure(&GpuError::NoShader {
-                pass: pass.info().name,
-            }))
+            Err(gpu_failure(&GpuError::NoShader { pass: pass.info().name }))
         })
     }
 

@@ -330,7 +330,10 @@ impl Watchdog {
         self.health = HealthState::Degraded;
         self.restores += 1;
         self.failed_s = self.failed_s.max(simulated_s);
-        let message = format!("{}; rebuilt at simulated second {:.0}", trouble.message, mark.simulated_s);
+        let message = format!(
+            "{}; rebuilt at simulated second {:.0}",
+            trouble.message, mark.simulated_s
+        );
         self.trouble = Some((tick, Trouble { message, ..trouble }));
     }
 

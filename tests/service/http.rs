@@ -199,6 +199,48 @@ async fn a_world_is_made_looked_at_commanded_and_stopped() {
 }
 
 #[tokio::test]
+async fn effects_are_switched_while_a_world_runs() {
+    let server = empty_server(Limits::default()).await;
+    let made = server.post("/v1/worlds", &json!({ "scene": scene() })).await;
+    let path = made.header("location").unwrap().to_owned();
+    let commands = format!("{path}/commands");
+    let state = server.get(&path).await.json();
+    let mut effects = state["scene"]["effects"].clone();
+    let stages = |plan: &Value| {
+        let passes = plan["passes"].as_array().unwrap();
+        passes
+            .iter()
+            .map(|p| p["stage"].as_str().unwrap().to_owned())
+            .collect::<Vec<_>>()
+    };
+    let before = stages(&server.get(&format!("{path}/plan")).await.json());
+    assert!(before.iter().all(|s| s != "sponge"), "{before:?}");
+
+    // Judged at once, by the world's own scene.
+    effects["sponge"] = json!({ "depth_m": -1.0, "rate_per_s": 0.01 });
+    let refused = server
+        .post(&commands, &json!({ "command": "effects", "effects": effects }))
+        .await;
+    assert_eq!(refused.status, 400);
+    assert_eq!(refused.json()["code"], "out_of_range");
+    assert_eq!(refused.json()["pointer"], "/effects/sponge/depth_m");
+
+    effects["sponge"] = json!({ "depth_m": 100.0, "rate_per_s": 0.01 });
+    let taken = server
+        .post(&commands, &json!({ "command": "effects", "effects": effects }))
+        .await;
+    assert_eq!(taken.status, 202, "{:?}", String::from_utf8_lossy(&taken.body));
+    let changed = wait_for(&server, &path, |state| !state["scene"]["effects"]["sponge"].is_null()).await;
+    assert!(changed["numbers"]["tick"].as_u64() >= state["numbers"]["tick"].as_u64());
+    let after = stages(&server.get(&format!("{path}/plan")).await.json());
+    assert!(after.iter().any(|s| s == "sponge"), "{after:?}");
+    assert_eq!(
+        server.get(&format!("{path}/frame?width=16&height=16")).await.status,
+        200
+    );
+}
+
+#[tokio::test]
 async fn worlds_are_limited_in_number() {
     let server = server(Limits {
         worlds_max: 2,

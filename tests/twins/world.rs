@@ -222,3 +222,74 @@ fn lines_too_long_for_the_transform_are_refused() {
     assert_eq!(error.code(), "device_limit");
     drop::<Arc<_>>(context);
 }
+
+#[test]
+fn a_world_whose_device_is_lost_is_rebuilt_and_says_so() {
+    if adapter("a_world_whose_device_is_lost_is_rebuilt_and_says_so").is_none() {
+        return;
+    }
+    use welkin_proto::wire::HealthState;
+    let machine = gpu();
+    let mut world = World::new(cumulus([12, 10, 20]), machine.clone()).expect("a world");
+    let start = field(&world, Field::Heat);
+    for _ in 0..3 {
+        world.advance_by(5.0);
+    }
+    assert_eq!(world.numbers().health, HealthState::Good);
+    let lost = machine.compute.context().expect("a GPU");
+    lost.device.destroy();
+    world.advance_by(5.0);
+    let numbers = world.numbers();
+    assert_eq!(numbers.health, HealthState::Degraded, "{:?}", numbers.trouble_message);
+    assert_eq!(numbers.trouble_code.as_deref(), Some("device_lost"));
+    // The host's copy is that of the start: the next one is made after some seconds of wall time.
+    assert_eq!(world.simulated_s(), 0.0);
+    assert!(field(&world, Field::Heat) == start);
+    assert!(!Arc::ptr_eq(&lost, &machine.compute.context().expect("opened again")));
+    for _ in 0..3 {
+        world.advance_by(5.0);
+    }
+    assert_eq!(world.simulated_s(), 15.0);
+    assert!(world.snapshot().volume.is_some());
+}
+
+#[test]
+fn effects_change_while_a_world_runs_on_either_device() {
+    use welkin_server::change::Change;
+    let mut machines: Vec<Machine> = vec![None.into()];
+    if adapter("effects_change_while_a_world_runs_on_either_device").is_some() {
+        machines.push(gpu());
+    }
+    for machine in machines {
+        let mut world = World::new(cumulus([12, 10, 20]), machine.clone()).expect("a world");
+        world.advance_by(20.0);
+        let whole = world.scene().effects.clone();
+        let heat = field(&world, Field::Heat);
+        // Made ready while the world stands where it stands; nothing of it changes until it is taken over.
+        let mut dry = whole.clone();
+        dry.moisture = None;
+        dry.turbulence = None;
+        dry.large_scale = None;
+        dry.cloud_detail = None;
+        dry.multiple_scattering = None;
+        dry.cloud_shadow = None;
+        let change = Change::prepare(world.scene(), dry, &machine).expect("other effects");
+        assert!(world.device().read(Field::Water).is_some());
+        world.adopt(change);
+        assert!(world.device().read(Field::Water).is_none() && world.snapshot().volume.is_none());
+        assert!(
+            field(&world, Field::Heat) == heat,
+            "what both plans hold goes on as it is"
+        );
+        assert_eq!(world.simulated_s(), 20.0);
+        world.advance_by(20.0);
+        let wind = field(&world, Field::VelocityX);
+        let back = Change::prepare(world.scene(), whole, &machine).expect("the effects of before");
+        world.adopt(back);
+        assert!(field(&world, Field::VelocityX) == wind);
+        assert!(world.snapshot().volume.is_some());
+        world.advance_by(20.0);
+        assert_eq!(world.simulated_s(), 60.0);
+        assert_eq!(world.numbers().retries, 0);
+    }
+}
