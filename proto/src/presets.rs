@@ -43,6 +43,10 @@ pub fn all() -> &'static [Preset] {
             json: include_str!("../scenes/density-current.json"),
         },
         Preset {
+            name: "wind-tunnel",
+            json: include_str!("../scenes/wind-tunnel.json"),
+        },
+        Preset {
             name: "dry-bubble",
             json: include_str!("../scenes/dry-bubble.json"),
         },

@@ -110,6 +110,8 @@ fn the_time_scheme_converges_at_third_order_on_a_gravity_wave() {
 /// A scene without anything that moves, mixes or forces air; what is left must stay as it is.
 fn quiet(mut scene: Scene) -> Scene {
     scene.effects.turbulence = None;
+    scene.effects.constant_viscosity = None;
+    scene.effects.body_force = None;
     scene.effects.surface = None;
     scene.effects.coriolis = None;
     scene.effects.large_scale = None;

@@ -6,8 +6,8 @@ use welkin_proto::scene::{BodyForce, ConstantViscosity, DiffusionScheme as Schem
 use welkin_proto::{Scene, presets};
 use welkin_server::world::World;
 use welkin_shaders::Grid;
-use welkin_shaders::catalogue::Field;
-use welkin_shaders::cpu::sim::parameters::{ConstantViscosity as Mixing, DiffusionScheme, Methods};
+use welkin_shaders::catalogue::{Field, Rung};
+use welkin_shaders::cpu::sim::parameters::{ConstantViscosity as Mixing, DiffusionScheme, Methods, PressureMethod};
 use welkin_shaders::cpu::sim::{Parameters, constant_viscosity};
 
 fn air(cells: [usize; 3], cell_size_m: [f32; 3], scale_height_m: Option<f64>, scheme: DiffusionScheme) -> Parameters {
@@ -365,4 +365,65 @@ fn a_push_with_drag_brings_the_air_to_its_speed() {
     let pushed = 6.0 * (p.density_kg_m3[1] + p.density_kg_m3[2]) as f64 * 0.02 * 10.0;
     assert!((momentum / pushed - 1.0).abs() < 1e-4, "{momentum} for {pushed}");
     assert!(u.iter().any(|&u| u > 0.05) && world.numbers().divergence_max_per_s < 1e-5);
+}
+
+/// Where the cloud is along the periodic x axis, m, and the wind that carries it, m/s; both weighted by cloud water.
+fn cloud_and_its_wind(world: &World) -> (f64, f64) {
+    let grid = world.parameters().grid;
+    let nx = grid.cells[0];
+    let cloud = world.device().read(Field::CloudWater).expect("planned");
+    let u = world.device().read(Field::VelocityX).expect("planned");
+    let (mut sine, mut cosine, mut water, mut flux) = (0.0, 0.0, 0.0, 0.0);
+    for (i, &q) in cloud.iter().enumerate() {
+        let angle = 2.0 * PI * ((i % nx) as f64 + 0.5) / nx as f64;
+        sine += q as f64 * angle.sin();
+        cosine += q as f64 * angle.cos();
+        water += q as f64;
+        flux += (q * u[i]) as f64;
+    }
+    assert!(water > 0.0, "no cloud after {} s", world.simulated_s());
+    let turn = f64::atan2(sine, cosine) / (2.0 * PI);
+    (turn.rem_euclid(1.0) * grid.size_m()[0] as f64, flux / water)
+}
+
+#[test]
+fn a_cloud_drifts_through_the_wind_tunnel_of_seed_004() {
+    let scene = presets::find("wind-tunnel").expect("a preset");
+    assert_eq!(scene.domain.cells, [100, 40, 40]);
+    let mut world = World::new(scene, None).expect("a world");
+    // The seed's solver: linear semi-Lagrangian, implicit diffusion, Jacobi.
+    let methods = &world.parameters().methods;
+    assert_eq!(methods.advection, Rung::SemiLagrangianLinear);
+    assert_eq!(methods.pressure, PressureMethod::Jacobi { sweeps: 40 });
+    let mixing = world.parameters().constant_viscosity.as_ref().expect("viscosity");
+    assert_eq!(mixing.scheme, DiffusionScheme::Implicit);
+    let mean = |world: &World| {
+        let u = world.device().read(Field::VelocityX).expect("planned");
+        u.iter().map(|&u| u as f64).sum::<f64>() / u.len() as f64
+    };
+    let start = mean(&world);
+    world.advance_to(120.0, |_| true);
+    let (from, wind_then) = cloud_and_its_wind(&world);
+    world.advance_to(300.0, |_| true);
+    let (to, wind_now) = cloud_and_its_wind(&world);
+    let drift = (to - from).rem_euclid(5000.0);
+    let carried = 180.0 * 0.5 * (wind_then + wind_now);
+    eprintln!(
+        "the cloud drifts {drift:.0} m in 180 s, its wind ({wind_then:.2}, then {wind_now:.2} m/s) carries {carried:.0} m"
+    );
+    // It grows and dissolves at its edges on the way, and so is not carried as a whole.
+    assert!(
+        (0.5..1.6).contains(&(drift / carried)) && carried > 200.0,
+        "{drift} m for {carried} m"
+    );
+    // The fan: 0.05 m/s2 on a tenth of the air for 300 s, less its drag.
+    let gained = mean(&world) - start;
+    assert!((0.3..1.5).contains(&gained), "the fan gave {gained} m/s");
+    let numbers = world.numbers();
+    eprintln!(
+        "divergence {:.1e} per s, substep {} s",
+        numbers.divergence_max_per_s, numbers.substep_s
+    );
+    // A hundredth of a cell's air a substep, at the worst place: what forty sweeps leave.
+    assert!(numbers.divergence_max_per_s * numbers.substep_s < 0.03);
 }
