@@ -250,6 +250,45 @@ fn semi_lagrangian_passes_agree_where_no_tendency_is_held() {
 }
 
 #[test]
+fn limiters_keep_what_is_not_a_number() {
+    let Some(context) = adapter("limiters_keep_what_is_not_a_number") else {
+        return;
+    };
+    for scene in other_rungs([9, 8, 7]) {
+        let (mut cpu, mut gpu, parameters, fields, passes) = both(&context, &scene);
+        let substep = Substep {
+            substep_s: 1.7,
+            stage: 0,
+            stages: 1,
+        };
+        let carries =
+            |p: &&Pass| p.info().writes.contains(&Field::NextHeat) && p.info().reads.contains(&Field::DepartureX);
+        let carry = *passes.iter().find(carries).expect("one stage carries heat");
+        for poisoned in [Field::SlowHeat, Field::DepartureX, Field::DepartureZ] {
+            let devices: [&mut dyn Device; 2] = [&mut cpu, &mut gpu];
+            for device in devices {
+                for &field in &fields {
+                    let mut values = random(field, &parameters, 5);
+                    if field == poisoned {
+                        values.fill(f32::NAN);
+                    }
+                    assert!(device.write(field, &values));
+                }
+                device.run(carry, &substep);
+                let heat = device.read(Field::NextHeat).expect("planned").to_vec();
+                assert!(
+                    heat.iter().all(|v| v.is_nan()),
+                    "{} on {}: {} of NaN made numbers",
+                    carry.info().name,
+                    device.name(),
+                    poisoned.name()
+                );
+            }
+        }
+    }
+}
+
+#[test]
 fn a_kept_pressure_comes_back_with_the_state() {
     let Some(context) = adapter("a_kept_pressure_comes_back_with_the_state") else {
         return;

@@ -355,12 +355,14 @@ pub fn sequence(pass: Pass, parameters: &Parameters, substep_s: f32) -> Vec<usiz
     let [nx, ny, _] = parameters.grid.cells;
     match (pass, parameters.methods.pressure) {
         (Pass::PressureJacobi, PressureMethod::Jacobi { sweeps }) => {
+            // From the pressure to working memory and back; the last sweep goes half the way; the end depends on where it left the result.
             let mut run = vec![0, 1, 2];
             run.extend((0..sweeps as usize).map(|i| 3 + i % 2 + if i + 1 == sweeps as usize { 2 } else { 0 }));
             run.extend(if sweeps % 2 == 1 { [7, 8] } else { [9, 10] });
             run
         }
         (Pass::PressureRedBlackSor, PressureMethod::RedBlackSor { sweeps, .. }) => {
+            // Both colours; then what has a neighbour of its own colour across the seam.
             let mut sweep = Vec::new();
             if nx > 1 && ny > 1 {
                 sweep.extend([3, 4]);

@@ -17,11 +17,17 @@ fn wrapped(whole: i32, n: u32) -> u32 {
     return u32(select(rest, rest + i32(n), rest < 0));
 }
 
+// `value` not below `low` and not above `high`. NaN stays, where `clamp` may give a bound: what is spoilt must be noticed.
+fn bounded(value: f32, low: f32, high: f32) -> f32 {
+    let raised = select(value, low, value < low);
+    return select(raised, high, raised > high);
+}
+
 // The corners around the place that is `displacement` cells back from (x, y, z). `top` is the lattice's last level, stored or not: a place beyond it
 // or below the first is moved onto it.
 fn around(x: u32, y: u32, z: u32, displacement: vec3<f32>, top: u32) -> Corners {
     let height = f32(z);
-    let back_by = vec3<f32>(displacement.xy, clamp(displacement.z, height - f32(top), height));
+    let back_by = vec3<f32>(displacement.xy, bounded(displacement.z, height - f32(top), height));
     let below = floor(-back_by);
     let whole = vec3<i32>(below);
     let x0 = wrapped(i32(x) + whole.x, sim.cells.x);

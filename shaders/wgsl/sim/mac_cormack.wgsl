@@ -58,12 +58,12 @@ fn come_back(id: vec3<u32>, place: u32) {
     corrected[i] = forward[i] + 0.5 * (carried[i] - trilinear(below, above, corners.t));
 }
 
-fn bound(id: vec3<u32>, place: u32) {
+fn hold(id: vec3<u32>, place: u32) {
     if id.x >= sim.cells.w {
         return;
     }
     let i = id.z * sim.cells.w + id.x;
-    var value = clamp(next[i], low[i], high[i]);
+    var value = bounded(next[i], low[i], high[i]);
     if place == Z_FACE && id.z > 0u && (sim.holds & HOLDS_BUOYANCY) != 0u {
         value += substep.stage_s * 0.5 * (buoyancy[i - sim.cells.w] + buoyancy[i]);
     }
@@ -112,10 +112,10 @@ fn back_again_z_face(@builtin(global_invocation_id) id: vec3<u32>) {
 
 @compute @workgroup_size(64)
 fn limit(@builtin(global_invocation_id) id: vec3<u32>) {
-    bound(id, CENTRE);
+    hold(id, CENTRE);
 }
 
 @compute @workgroup_size(64)
 fn limit_z_face(@builtin(global_invocation_id) id: vec3<u32>) {
-    bound(id, Z_FACE);
+    hold(id, Z_FACE);
 }

@@ -32,7 +32,7 @@ fn carry(id: vec3<u32>, place: u32) {
     let t = corners.t;
     // The level at or below the place, as `around` finds it.
     let height = f32(id.z);
-    let inner = u32(clamp(i32(id.z) + i32(floor(-clamp(displacement.z, height - f32(top), height))), 0, i32(top)));
+    let inner = u32(clamp(i32(id.z) + i32(floor(-bounded(displacement.z, height - f32(top), height))), 0, i32(top)));
     var base = inner;
     var weights_z = vec4<f32>(1.0 - t.z, t.z, 0.0, 0.0);
     if top >= 3u {
@@ -61,7 +61,7 @@ fn carry(id: vec3<u32>, place: u32) {
     let weights_x = lagrange(t.x);
     let bounds = extrema(four(corners.low) * corners.there.x, four(corners.high) * corners.there.y);
     var value = (weights_x.x * sum.x + weights_x.y * sum.y) + (weights_x.z * sum.z + weights_x.w * sum.w);
-    value = clamp(value, bounds.x, bounds.y);
+    value = bounded(value, bounds.x, bounds.y);
     if place == Z_FACE && (sim.holds & HOLDS_BUOYANCY) != 0u {
         value += substep.stage_s * 0.5 * (buoyancy[i - sim.cells.w] + buoyancy[i]);
     }
