@@ -150,6 +150,9 @@ pub struct Report {
     pub cases: Vec<CaseReport>,
 }
 
+/// Error and more figures from what was kept of a run.
+type Judge = Box<dyn Fn(&[Vec<f64>]) -> (f64, Value)>;
+
 /// What a case needs to be run by everybody.
 pub(crate) struct Case {
     name: &'static str,
@@ -164,7 +167,7 @@ pub(crate) struct Case {
     /// What is kept of the world after each tick.
     watch: fn(&World, &mut Vec<Vec<f64>>),
     /// Error and more figures from what was kept; the truth is inside.
-    judge: Box<dyn Fn(&[Vec<f64>]) -> (f64, Value)>,
+    judge: Judge,
     chance: Option<f64>,
 }
 

@@ -116,9 +116,11 @@ impl Context {
             return Err(GpuError::NoAdapter { wanted, found: names });
         };
         let has = adapter.limits();
-        let mut limits = wgpu::Limits::default();
-        limits.max_storage_buffer_binding_size = has.max_storage_buffer_binding_size;
-        limits.max_buffer_size = has.max_buffer_size;
+        let limits = wgpu::Limits {
+            max_storage_buffer_binding_size: has.max_storage_buffer_binding_size,
+            max_buffer_size: has.max_buffer_size,
+            ..Default::default()
+        };
         let timing = wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS;
         let timestamps = adapter.features().contains(timing);
         let (device, queue) = wait(adapter.request_device(&wgpu::DeviceDescriptor {

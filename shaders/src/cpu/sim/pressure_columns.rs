@@ -72,7 +72,7 @@ impl Planes {
     pub fn row(&self, y: usize) -> &[f32] {
         let (from, at) = match y {
             _ if y / 2 == self.rows / 2 => (&self.last, 0),
-            _ if y % 2 == 0 => (&self.even, y / 2),
+            _ if y.is_multiple_of(2) => (&self.even, y / 2),
             _ => (&self.odd, y / 2),
         };
         &from[at * self.plane..(at + 1) * self.plane]

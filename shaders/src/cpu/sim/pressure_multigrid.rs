@@ -330,7 +330,7 @@ fn correct_row(
             let m = coarse_nx / 2;
             let i = if j == 2 * m {
                 j
-            } else if j % 2 == 0 {
+            } else if j.is_multiple_of(2) {
                 j / 2
             } else {
                 m + j / 2
