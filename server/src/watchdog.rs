@@ -107,20 +107,26 @@ impl Bounds {
         Ok(())
     }
 
-    /// Judges a state by itself.
+    /// Judges a state by itself, as a tick leaves it.
     pub fn state(&self, reductions: &Reductions, vitals: &Vitals) -> Result<(), Trouble> {
-        if !vitals.finite || !reductions.finite {
-            return Err(Trouble::new(
-                "not_finite",
-                "a field of the state is not finite".to_owned(),
-            ));
-        }
+        self.start(reductions, vitals)?;
         let divergence = vitals.divergence_max_per_s as f64;
         let most = DIVERGENCE_MAX_PER_S.max(self.divergence_share * reductions.courant_rate_per_s as f64);
         if divergence > most {
             return Err(Trouble::new(
                 "divergence_exceeded",
                 format!("divergence {divergence:.3e} 1/s after the projection, above {most:.3e}"),
+            ));
+        }
+        Ok(())
+    }
+
+    /// Judges a state as a tick may find it: somebody may have written fields that are not free of divergence, which the first projection mends.
+    pub fn start(&self, reductions: &Reductions, vitals: &Vitals) -> Result<(), Trouble> {
+        if !vitals.finite || !reductions.finite {
+            return Err(Trouble::new(
+                "not_finite",
+                "a field of the state is not finite".to_owned(),
             ));
         }
         let least = vitals.water_min_kg_per_kg as f64;

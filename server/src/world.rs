@@ -485,7 +485,7 @@ impl World {
     /// One try of a tick. `saved` tells whether the start is in the watchdog's slot for it, so that it can be restored.
     fn try_tick(&mut self, length_s: f64, factor: f64, start: &Mark, saved: &mut bool) -> Result<(), Trouble> {
         let bounds = self.watchdog.bounds;
-        bounds.state(&self.reductions, &self.vitals)?;
+        bounds.start(&self.reductions, &self.vitals)?;
         let mut done = 0.0;
         self.substeps = 0;
         if self.has_flow() {

@@ -462,10 +462,7 @@ const POWERS: (f64, &str) = (
     6e-5,
     "exponential and powers are good to a few units in the last place on a GPU; condensed water is a difference",
 );
-const SPECTRAL: (f64, &str) = (
-    5e-5,
-    "single precision in the GPU's transforms, double in the CPU's",
-);
+const SPECTRAL: (f64, &str) = (5e-5, "single precision in the GPU's transforms, double in the CPU's");
 
 const INTERPOLATED: (f64, &str) = (
     3e-6,

@@ -481,6 +481,9 @@ fn a_slot_keeps_the_pressure_that_the_next_solve_starts_from() {
             NextVelocityX,
             NextVelocityY,
             NextVelocityZ,
+            StartVelocityX,
+            StartVelocityY,
+            StartVelocityZ,
             Pressure,
         ];
         let mut device = Cpu::new(air, &planned);

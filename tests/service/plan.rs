@@ -100,10 +100,13 @@ fn every_planned_field_is_touched_and_every_touched_field_planned() {
     for preset in presets::all() {
         let plan = Plan::new(&presets::find(preset.name).expect("a preset")).expect("a plan");
         for field in &plan.fields {
+            // What a substep starts from is kept by the device itself, for stages and for the watchdog.
             assert!(
-                plan.passes
-                    .iter()
-                    .any(|p| p.info().reads.contains(field) || p.info().writes.contains(field)),
+                field.is_start()
+                    || plan
+                        .passes
+                        .iter()
+                        .any(|p| p.info().reads.contains(field) || p.info().writes.contains(field)),
                 "{}: {} is idle",
                 preset.name,
                 field.name()

@@ -257,10 +257,11 @@ const RUNGS: &[Rung] = &[
 fn complaint(world: &World, case: &Case, rung: &Rung) -> Result<(), String> {
     let numbers = world.numbers();
     let speed = numbers.wind_max_m_s.max(numbers.updraught_max_m_s);
-    if !(speed < case.speed_max_m_s) {
+    if speed.is_nan() || speed >= case.speed_max_m_s {
         return Err(format!("{speed} m/s"));
     }
-    if !(numbers.divergence_max_per_s < rung.divergence_max_per_s) {
+    let divergence = numbers.divergence_max_per_s;
+    if divergence.is_nan() || divergence >= rung.divergence_max_per_s {
         return Err(format!("divergence {:e}", numbers.divergence_max_per_s));
     }
     for field in [

@@ -270,6 +270,8 @@ fn effects_change_while_a_world_runs_on_either_device() {
         dry.moisture = None;
         dry.turbulence = None;
         dry.large_scale = None;
+        dry.noise = None;
+        dry.surface.as_mut().expect("a surface").moisture_flux_m_s = 0.0;
         dry.cloud_detail = None;
         dry.multiple_scattering = None;
         dry.cloud_shadow = None;
