@@ -1,7 +1,10 @@
 //! Each rung of the advection ladder against what is known of it: order on smooth flow, bounds at jumps, large Courant numbers, budgets.
 
+mod common;
+
 use std::f64::consts::PI;
 
+use common::air;
 use welkin_proto::scene::{Advection, BaseState};
 use welkin_proto::{Scene, presets};
 use welkin_server::world::World;
@@ -13,32 +16,6 @@ use welkin_shaders::cpu::sim::slab::slab_count;
 use welkin_shaders::cpu::sim::{
     Parameters, advect_scalar, centre_wind, departure, mac_cormack, semi_lagrangian_cubic, semi_lagrangian_linear,
 };
-
-/// Air of constant density, for kernels by themselves.
-fn plain(grid: Grid) -> Parameters {
-    let n = grid.cells[2];
-    Parameters {
-        grid,
-        density_kg_m3: vec![1.0; n],
-        density_at_z_face_kg_m3: vec![1.0; n + 1],
-        pressure_pa: vec![1e5; n],
-        exner: vec![1.0; n],
-        virtual_potential_temperature_k: vec![300.0; n],
-        heat_reference_k: 300.0,
-        base_heat_k: vec![0.0; n],
-        base_wind_x_m_s: vec![0.0; n],
-        base_wind_y_m_s: vec![0.0; n],
-        turbulence: None,
-        constant_viscosity: None,
-        body_force: None,
-        surface: None,
-        coriolis: None,
-        large_scale: None,
-        sponge: None,
-        droplet_number_per_m3: 1e8,
-        methods: Default::default(),
-    }
-}
 
 /// One rung's kernels in a wind that does not change.
 struct Carrier {
@@ -56,7 +33,7 @@ impl Carrier {
             rung,
             velocity,
             scratch: vec![Scratch::new(&grid); slab_count(&grid)],
-            parameters: plain(grid),
+            parameters: air(grid, None),
         }
     }
 

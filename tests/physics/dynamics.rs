@@ -1,5 +1,8 @@
 //! The dynamics against what is known of them: rest, budgets, order, exact solutions, a published bubble, a real sounding.
 
+mod common;
+
+use common::{air, noise};
 use welkin_proto::{Scene, presets};
 use welkin_server::world::World;
 use welkin_shaders::Grid;
@@ -7,7 +10,7 @@ use welkin_shaders::catalogue::Field;
 use welkin_shaders::constants as c;
 use welkin_shaders::cpu::sim::advect::Scratch;
 use welkin_shaders::cpu::sim::slab::slab_count;
-use welkin_shaders::cpu::sim::{Parameters, advect_scalar, pressure_solve, project, reduce, saturation_adjustment};
+use welkin_shaders::cpu::sim::{advect_scalar, pressure_solve, project, reduce, saturation_adjustment};
 
 fn preset(name: &str) -> Scene {
     presets::find(name).expect("a preset")
@@ -30,40 +33,6 @@ fn sum(world: &World, which: Field) -> f64 {
         .enumerate()
         .map(|(i, &v)| v as f64 * density[i / plane] as f64)
         .sum()
-}
-
-/// Air of constant density and exner 1, for kernels by themselves.
-fn plain(grid: Grid) -> Parameters {
-    let n = grid.cells[2];
-    Parameters {
-        grid,
-        density_kg_m3: vec![1.0; n],
-        density_at_z_face_kg_m3: vec![1.0; n + 1],
-        pressure_pa: vec![1e5; n],
-        exner: vec![1.0; n],
-        virtual_potential_temperature_k: vec![300.0; n],
-        heat_reference_k: 300.0,
-        base_heat_k: vec![0.0; n],
-        base_wind_x_m_s: vec![0.0; n],
-        base_wind_y_m_s: vec![0.0; n],
-        turbulence: None,
-        constant_viscosity: None,
-        body_force: None,
-        surface: None,
-        coriolis: None,
-        large_scale: None,
-        sponge: None,
-        droplet_number_per_m3: 1e8,
-        methods: Default::default(),
-    }
-}
-
-/// A number in [-1, 1) that looks random.
-fn noise(i: usize) -> f32 {
-    let mut h = (i as u32).wrapping_mul(0x9e37_79b9) ^ 0x5bd1_e995;
-    h = (h ^ (h >> 15)).wrapping_mul(0x85eb_ca6b);
-    h = (h ^ (h >> 13)).wrapping_mul(0xc2b2_ae35);
-    (h ^ (h >> 16)) as f32 / 2_147_483_648.0 - 1.0
 }
 
 #[test]
@@ -138,7 +107,7 @@ fn scalar_advection_converges_on_smooth_flow() {
             cells: [n, 3, 3],
             cell_size_m: [1.0 / n as f32, 1.0, 1.0],
         };
-        let parameters = plain(grid);
+        let parameters = air(grid, None);
         let mut scratch = vec![Scratch::new(&grid); slab_count(&grid)];
         let wind = vec![1.0; grid.len()];
         let still = vec![0.0; grid.len()];
@@ -180,7 +149,7 @@ fn projection_frees_any_wind_of_divergence() {
             cells,
             cell_size_m: [50.0, 70.0, 30.0],
         };
-        let mut parameters = plain(grid);
+        let mut parameters = air(grid, None);
         for (z, density) in parameters.density_at_z_face_kg_m3.iter_mut().enumerate() {
             *density = 1.2 * (-(z as f32) / 40.0).exp();
         }
@@ -214,7 +183,7 @@ fn saturation_adjustment_agrees_with_bisection_in_f64() {
         cells: [64, 1, 8],
         cell_size_m: [1.0; 3],
     };
-    let mut parameters = plain(grid);
+    let mut parameters = air(grid, None);
     for z in 0..8 {
         let pressure = 1.0e5 - 1.0e4 * z as f64;
         parameters.pressure_pa[z] = pressure as f32;

@@ -1,52 +1,27 @@
 //! Constant viscosity and body force against analytic solutions: waves that decay, a vortex that decays, air that is pushed.
 
+mod common;
+
 use std::f64::consts::PI;
 
+use common::noise;
 use welkin_proto::scene::{BodyForce, ConstantViscosity, DiffusionScheme as Scheme};
 use welkin_proto::{Scene, presets};
 use welkin_server::world::World;
 use welkin_shaders::Grid;
 use welkin_shaders::catalogue::{Field, Rung};
-use welkin_shaders::cpu::sim::parameters::{ConstantViscosity as Mixing, DiffusionScheme, Methods, PressureMethod};
+use welkin_shaders::cpu::sim::parameters::{ConstantViscosity as Mixing, DiffusionScheme, PressureMethod};
 use welkin_shaders::cpu::sim::{Parameters, constant_viscosity};
 
 fn air(cells: [usize; 3], cell_size_m: [f32; 3], scale_height_m: Option<f64>, scheme: DiffusionScheme) -> Parameters {
-    let n = cells[2];
-    let density = |z_m: f64| scale_height_m.map_or(1.0, |h| 1.2 * (-z_m / h).exp()) as f32;
-    let dz = cell_size_m[2] as f64;
     Parameters {
-        grid: Grid { cells, cell_size_m },
-        density_kg_m3: (0..n).map(|z| density((z as f64 + 0.5) * dz)).collect(),
-        density_at_z_face_kg_m3: (0..=n).map(|z| density(z as f64 * dz)).collect(),
-        pressure_pa: vec![1e5; n],
-        exner: vec![1.0; n],
-        virtual_potential_temperature_k: vec![300.0; n],
-        heat_reference_k: 300.0,
-        base_heat_k: vec![0.0; n],
-        base_wind_x_m_s: vec![0.0; n],
-        base_wind_y_m_s: vec![0.0; n],
-        turbulence: None,
         constant_viscosity: Some(Mixing {
             viscosity_m2_s: 1.0,
             diffusivity_m2_s: 1.0,
             scheme,
         }),
-        body_force: None,
-        methods: Methods::default(),
-        surface: None,
-        coriolis: None,
-        large_scale: None,
-        sponge: None,
-        droplet_number_per_m3: 1e8,
+        ..common::air(Grid { cells, cell_size_m }, scale_height_m)
     }
-}
-
-/// A number in [-1, 1) that looks random.
-fn noise(i: usize) -> f32 {
-    let mut h = (i as u32).wrapping_mul(0x9e37_79b9) ^ 0x5bd1_e995;
-    h = (h ^ (h >> 15)).wrapping_mul(0x85eb_ca6b);
-    h = (h ^ (h >> 13)).wrapping_mul(0xc2b2_ae35);
-    (h ^ (h >> 16)) as f32 / 2_147_483_648.0 - 1.0
 }
 
 /// The field after one step of `dt_s` with `diffusivity_m2_s`.
