@@ -1,8 +1,9 @@
 //! Hard cases: a catalogue that only grows. Each runs on every rung of a ladder and must stay finite and bounded, with no negative water.
 
-use welkin_proto::scene::{Advection, Pressure};
+use welkin_proto::scene::{Advection, BaseState, Pressure, ProfileLevel};
 use welkin_proto::wire::HealthState;
 use welkin_proto::{Scene, presets};
+use welkin_server::machine::{Compute, Machine};
 use welkin_server::world::World;
 use welkin_shaders::catalogue::{Field, Ladder};
 
@@ -101,11 +102,11 @@ const CASES: &[Case] = &[
         speed_max_m_s: 80.0,
     },
     Case {
-        name: "wind of 300 m/s",
+        name: "wind of 150 m/s",
         preset: "clear-sky-wind",
         change: |s| {
             s.domain.cells = [16, 16, 8];
-            if let welkin_proto::scene::BaseState::Isentropic { wind_x_m_s, .. } = &mut s.base_state {
+            if let BaseState::Isentropic { wind_x_m_s, .. } = &mut s.base_state {
                 *wind_x_m_s = 150.0;
             }
         },
@@ -142,7 +143,7 @@ const CASES: &[Case] = &[
         preset: "warm-bubble",
         change: |s| {
             s.domain.cells = [24, 24, 32];
-            if let welkin_proto::scene::BaseState::ConstantStability { relative_humidity, .. } = &mut s.base_state {
+            if let BaseState::ConstantStability { relative_humidity, .. } = &mut s.base_state {
                 *relative_humidity = 0.0;
             }
             if let Some(b) = &mut s.effects.bubble {
@@ -159,7 +160,87 @@ const CASES: &[Case] = &[
         seconds: 1800.0,
         speed_max_m_s: 120.0,
     },
+    Case {
+        name: "air of -80 C at the ground",
+        preset: "warm-bubble",
+        change: |s| {
+            warmth(s, 193.0);
+            // The preset's bubble holds a thousand times the water that such air can: that would be another case.
+            if let Some(b) = &mut s.effects.bubble {
+                b.total_water_kg_per_kg = 0.0;
+            }
+        },
+        seconds: 300.0,
+        speed_max_m_s: 60.0,
+    },
+    Case {
+        name: "air of +60 C at the ground",
+        preset: "warm-bubble",
+        change: |s| warmth(s, 333.0),
+        seconds: 300.0,
+        speed_max_m_s: 120.0,
+    },
+    Case {
+        name: "wind shear of 100 m/s a kilometre",
+        preset: "fair-weather-cumulus",
+        change: |s| {
+            small(s);
+            levels(s, |l| l.wind_x_m_s = 0.1 * l.height_m);
+        },
+        seconds: 300.0,
+        speed_max_m_s: 400.0,
+    },
+    Case {
+        name: "superadiabatic air, 10 K a kilometre",
+        preset: "fair-weather-cumulus",
+        change: |s| {
+            small(s);
+            levels(s, |l| {
+                l.liquid_water_potential_temperature_k = 310.0 - 0.01 * l.height_m
+            });
+        },
+        seconds: 600.0,
+        speed_max_m_s: 80.0,
+    },
+    Case {
+        name: "inversion of 20 K within a cell",
+        preset: "fair-weather-cumulus",
+        change: |s| {
+            small(s);
+            levels(s, |l| {
+                if l.height_m > 1480.0 {
+                    l.liquid_water_potential_temperature_k += 20.0;
+                }
+            });
+            if let BaseState::Profile { levels, .. } = &mut s.base_state {
+                let mut above = levels[2].clone();
+                above.height_m += 1.0;
+                above.liquid_water_potential_temperature_k += 20.0;
+                levels.insert(3, above);
+            }
+        },
+        seconds: 900.0,
+        speed_max_m_s: 60.0,
+    },
 ];
+
+fn warmth(scene: &mut Scene, potential_temperature_k: f64) {
+    scene.domain.cells = [16, 16, 32];
+    if let BaseState::ConstantStability {
+        surface_potential_temperature_k,
+        ..
+    } = &mut scene.base_state
+    {
+        *surface_potential_temperature_k = potential_temperature_k;
+    }
+}
+
+fn levels(scene: &mut Scene, change: impl Fn(&mut ProfileLevel)) {
+    let BaseState::Profile { levels, .. } = &mut scene.base_state else {
+        panic!("the preset's air is no table")
+    };
+    levels.iter_mut().for_each(change);
+}
 
 fn small(scene: &mut Scene) {
     scene.domain.cells = [12, 12, 75];
@@ -292,8 +373,13 @@ fn complaint(world: &World, case: &Case, rung: &Rung) -> Result<(), String> {
     Ok(())
 }
 
-/// Runs every case on the rung of that name.
+/// Runs every case on the rung of that name, on the CPU device.
 fn run_all(name: &str) {
+    run_on(name, &None.into(), 1.0);
+}
+
+/// Runs every case on the rung of that name for a share of its time.
+fn run_on(name: &str, machine: &Machine, share: f64) {
     let rung = RUNGS.iter().find(|r| r.name == name).expect("a rung of that name");
     let mut complaints = Vec::new();
     for case in CASES {
@@ -301,9 +387,10 @@ fn run_all(name: &str) {
         (case.change)(&mut scene);
         (rung.choose)(&mut scene);
         let tick_s = scene.time.tick_s;
-        let mut world = World::new(scene, None).unwrap_or_else(|e| panic!("{}: {e}", case.name));
-        while world.simulated_s() < case.seconds - 1e-6 && !world.is_halted() {
-            world.advance_by(tick_s.max(case.seconds / 60.0).min(case.seconds));
+        let mut world = World::new(scene, machine.clone()).unwrap_or_else(|e| panic!("{}: {e}", case.name));
+        let seconds = share * case.seconds;
+        while world.simulated_s() < seconds - 1e-6 && !world.is_halted() {
+            world.advance_by(tick_s.max(seconds / 60.0).min(seconds));
         }
         let numbers = world.numbers();
         if numbers.retries > 0 {
@@ -408,5 +495,62 @@ fn what_is_not_finite_is_undone_and_shows() {
         );
         world.advance_by(20.0);
         assert_eq!((world.simulated_s(), world.watchdog().restores()), (20.0, 1));
+    }
+}
+
+#[test]
+fn every_case_is_survived_on_a_gpu() {
+    let compute = match Compute::choose("gpu") {
+        Ok(compute) => compute,
+        Err(error) => {
+            let required = std::env::var("WELKIN_REQUIRE").is_ok_and(|r| r.split(',').any(|r| r.trim() == "gpu"));
+            assert!(!required, "WELKIN_REQUIRE names gpu, and {error}");
+            eprintln!("SKIPPED every_case_is_survived_on_a_gpu: {error}");
+            return;
+        }
+    };
+    let machine = Machine { threads: None, compute };
+    // A share of the time: a software adapter takes twenty times as long.
+    for rung in ["flux form at its limit", "MacCormack at its limit", "red-black SOR"] {
+        run_on(rung, &machine, 0.03);
+    }
+}
+
+#[test]
+fn a_checkerboard_and_a_jump_are_survived_by_every_rung() {
+    for rung in RUNGS {
+        let mut scene = presets::find("fair-weather-cumulus").expect("a preset");
+        small(&mut scene);
+        (rung.choose)(&mut scene);
+        let mut world = World::new(scene, None).expect("a world");
+        let [nx, ny, _] = world.parameters().grid.cells;
+        let place = |i: usize| [i % nx, i / nx % ny, i / (nx * ny)];
+        let add = |world: &mut World, field: Field, amount: &dyn Fn([usize; 3]) -> f32| {
+            let mut values = world.device().read(field).expect("planned").to_vec();
+            values.iter_mut().enumerate().for_each(|(i, v)| *v += amount(place(i)));
+            world.write_field(field, &values).expect("planned");
+        };
+        // From cell to cell 20 m/s and 4 K to and fro; half of the box 10 K warmer than the other.
+        let sign = |[x, y, z]: [usize; 3]| if (x + y + z).is_multiple_of(2) { 1.0f32 } else { -1.0 };
+        add(&mut world, Field::VelocityX, &|p| 10.0 * sign(p));
+        add(&mut world, Field::VelocityY, &|p| -10.0 * sign(p));
+        add(&mut world, Field::Heat, &|p| {
+            2.0 * sign(p) + if p[0] < nx / 2 { 10.0 } else { 0.0 }
+        });
+        for _ in 0..30 {
+            world.advance_by(5.0);
+        }
+        let numbers = world.numbers();
+        assert_eq!(numbers.restores, 0, "{}: {:?}", rung.name, numbers.trouble_message);
+        let case = Case {
+            name: "checkerboard",
+            preset: "fair-weather-cumulus",
+            change: |_| {},
+            seconds: 150.0,
+            speed_max_m_s: 100.0,
+        };
+        if let Err(what) = complaint(&world, &case, rung) {
+            panic!("{}: {what}", rung.name);
+        }
     }
 }
