@@ -7,9 +7,12 @@
 //! ground. Azimuths are degrees clockwise from north. SI units, named in each field's suffix.
 
 pub mod camera;
+pub mod channel;
 pub mod error;
+pub mod geography;
 pub mod presets;
 pub mod report;
+pub mod sample;
 pub mod scene;
 pub mod sounding;
 pub mod time;
@@ -17,5 +20,6 @@ pub mod validate;
 pub mod wire;
 
 pub use camera::Camera;
+pub use channel::Channel;
 pub use error::ApiError;
 pub use scene::Scene;

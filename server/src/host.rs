@@ -21,12 +21,16 @@ use crate::change::Change;
 use crate::machine::Machine;
 use crate::picture::{self, StageTime};
 use crate::watchdog::Fault;
+use crate::weather::{self, Desk, FieldSet, Past, Weather, WeatherInterest};
 use crate::world::{Snapshot, World};
 
 /// While the world runs as fast as it can, it publishes when this much wall time has gone by.
 const PUBLISH_EVERY: Duration = Duration::from_millis(150);
 /// The measured speed is a mean over this much wall time.
 const SPEED_WINDOW: Duration = Duration::from_secs(4);
+
+/// Nobody waits longer for a weather: a tick that takes longer is a large world's.
+pub const WEATHER_WITHIN: Duration = Duration::from_secs(20);
 
 /// What a world shows of itself, immutable.
 #[derive(Clone)]
@@ -37,6 +41,12 @@ pub struct Published {
     pub at: Instant,
     /// The world's state; its numbers have the host's part filled in.
     pub snapshot: Snapshot,
+    /// The fields that were wanted of its weather; none where nobody wanted any.
+    pub wanted: Option<FieldSet>,
+    /// Its weather, where it is wanted and the device gives it. A lost device leaves the last one, which says of which tick it is.
+    pub weather: Option<Arc<Weather>>,
+    /// Weathers of the moments before, and this one last; empty where none is wanted.
+    pub past: Past,
 }
 
 /// What a viewer needs of a world; cheap to clone, and does not keep the world alive.
@@ -54,6 +64,7 @@ pub struct View {
     machine: Arc<Machine>,
     device: Arc<str>,
     attention: Arc<Mutex<Attention>>,
+    desk: Arc<Desk>,
 }
 
 /// Who looks at a world.
@@ -87,6 +98,46 @@ impl View {
     pub fn look(&self) -> Looking {
         self.attention().streams += 1;
         Looking(self.clone())
+    }
+
+    /// Wants the world's whole weather: as long as the returned value lives, and [`LINGER`](crate::weather::LINGER) longer, each publication
+    /// carries it, and the first is made at once, also in a paused world.
+    pub fn want_weather(&self) -> WeatherInterest {
+        self.want_fields(FieldSet::ALL)
+    }
+
+    /// The same for some of the state's fields, which saves the copies of the others.
+    pub fn want_fields(&self, fields: FieldSet) -> WeatherInterest {
+        let interest = self.desk.want(fields);
+        let there = self.published.borrow().wanted.is_some_and(|w| w.covers(fields));
+        if !there {
+            // A world that has stopped closes `published`, which whoever waits for the weather sees.
+            let _ = self.commands.send(Order::ShowWeather);
+        }
+        interest
+    }
+
+    /// Sets how many bytes of past weathers the world may keep.
+    pub fn set_past_bytes_max(&self, bytes: usize) {
+        self.desk.set_past_bytes_max(bytes);
+    }
+
+    /// Waits for the newest publication that carries the fields of a live wish.
+    ///
+    /// Errors: `world_stopped`; `weather_unavailable` where the device is lost or nothing came within [`WEATHER_WITHIN`].
+    pub async fn weather(&self, fields: FieldSet) -> Result<Arc<Published>, ApiError> {
+        let mut published = self.published.clone();
+        let there = published.wait_for(|p| p.wanted.is_some_and(|w| w.covers(fields)));
+        let unavailable = |why| ApiError::new("weather_unavailable", why);
+        let found = match tokio::time::timeout(WEATHER_WITHIN, there).await {
+            Ok(Ok(found)) => Arc::clone(&found),
+            Ok(Err(_)) => return Err(world_stopped()),
+            Err(_) => return Err(unavailable("the world is busy with a long tick; try again")),
+        };
+        match &found.weather {
+            Some(weather) if weather.held().covers(fields) => Ok(found),
+            _ => Err(unavailable("the device that the world ran on is lost")),
+        }
     }
 
     /// How long nobody has looked.
@@ -160,6 +211,8 @@ enum Order {
     /// Other effects are ready, or could not be made.
     Adopt(Box<Result<Change, ApiError>>),
     Fault(Fault),
+    /// Somebody wants weather that the newest publication does not carry.
+    ShowWeather,
     Stop,
 }
 
@@ -177,6 +230,8 @@ impl Host {
         let name = id.to_owned();
         let theirs = machine.clone();
         let to_itself = commands.clone();
+        let desk = Arc::new(Desk::default());
+        let its_desk = Arc::clone(&desk);
         let thread = std::thread::Builder::new()
             .name(format!("world-{id}"))
             .spawn(move || {
@@ -190,7 +245,7 @@ impl Host {
                 let base_state = world.base_state().report.clone();
                 let device = Arc::from(world.device().name());
                 let pool = Arc::clone(world.pool());
-                let (mut runner, published) = Runner::new(world, frame_ms, to_itself);
+                let (mut runner, published) = Runner::new(world, frame_ms, to_itself, its_desk);
                 let scene = Arc::new(runner.world.scene().clone());
                 if ready.send(Ok((scene, base_state, published, device))).is_ok() {
                     // The whole life on the world's own threads: no tick is handed over to them.
@@ -223,6 +278,7 @@ impl Host {
                 streams: 0,
                 last: Instant::now(),
             })),
+            desk,
         };
         Ok(Host {
             view,
@@ -289,6 +345,9 @@ struct Runner {
     orders: mpsc::Sender<Order>,
     revision: u64,
     frame_ms_bits: Arc<AtomicU64>,
+    desk: Arc<Desk>,
+    /// Whether the state has changed since its weather was copied last.
+    changed: bool,
     paused: bool,
     time_scale: f64,
     speed: SpeedMeter,
@@ -299,12 +358,16 @@ impl Runner {
         world: World,
         frame_ms_bits: Arc<AtomicU64>,
         orders: mpsc::Sender<Order>,
+        desk: Arc<Desk>,
     ) -> (Self, watch::Receiver<Arc<Published>>) {
         let time_scale = world.scene().time.time_scale;
         let first = Arc::new(Published {
             revision: 0,
             at: Instant::now(),
             snapshot: world.snapshot(),
+            wanted: None,
+            weather: None,
+            past: Arc::default(),
         });
         let (publisher, published) = watch::channel(first);
         let speed = SpeedMeter::default();
@@ -314,6 +377,8 @@ impl Runner {
             orders,
             revision: 0,
             frame_ms_bits,
+            desk,
+            changed: true,
             paused: false,
             time_scale,
             speed,
@@ -341,11 +406,34 @@ impl Runner {
         } else {
             self.speed.simulated_s_per_wall_s()
         };
+        let wanted = self.desk.wanted();
+        let (weather, past) = match wanted {
+            None => (None, Arc::default()),
+            Some(fields) => self.weather(fields, &snapshot),
+        };
         self.publisher.send_replace(Arc::new(Published {
             revision: self.revision,
             at: Instant::now(),
             snapshot,
+            wanted,
+            weather,
+            past,
         }));
+    }
+
+    /// The weather that belongs to `snapshot`, copied unless the last one is of the same state and holds enough, and the past with it.
+    fn weather(&mut self, fields: FieldSet, snapshot: &Snapshot) -> (Option<Arc<Weather>>, Past) {
+        let last = Arc::clone(&self.publisher.borrow());
+        if !self.changed && last.weather.as_ref().is_some_and(|w| w.held().covers(fields)) {
+            return (last.weather.clone(), Arc::clone(&last.past));
+        }
+        let Some(copied) = self.world.weather(fields, snapshot.volume.clone()) else {
+            return (last.weather.clone(), Arc::clone(&last.past));
+        };
+        self.changed = false;
+        let weather = Arc::new(Weather::new(copied, self.revision));
+        let past = weather::remember(&last.past, &weather, self.desk.past_bytes_max());
+        (Some(weather), past)
     }
 
     /// Wall time that one tick should take; `None` runs flat out.
@@ -364,7 +452,7 @@ impl Runner {
         loop {
             // What a paused world waits for is the next order; a world that is ahead of its clock waits for whichever is first.
             let wait = match (self.paused, tick_began, self.period()) {
-                (true, _, _) => None,
+                (true, _, _) => self.lapse(),
                 (false, Some(began), Some(period)) => Some(period.saturating_sub(began.elapsed())),
                 (false, _, _) => Some(Duration::ZERO),
             };
@@ -381,6 +469,7 @@ impl Runner {
                 Ok(Order::Adopt(made)) => match *made {
                     Ok(change) => {
                         self.world.adopt(change);
+                        self.changed = true;
                         self.publish();
                     }
                     Err(error) => {
@@ -388,9 +477,22 @@ impl Runner {
                     }
                 },
                 Ok(Order::Fault(fault)) => self.world.inject(fault),
+                Ok(Order::ShowWeather) => {
+                    let shown = self.publisher.borrow().wanted;
+                    let wanted = self.desk.wanted();
+                    if wanted.is_some_and(|w| !shown.is_some_and(|s| s.covers(w))) {
+                        self.publish();
+                    }
+                }
                 Ok(Order::Command(command)) => {
                     self.obey(command);
                     self.publish();
+                }
+                Err(mpsc::RecvTimeoutError::Timeout) if self.paused => {
+                    // Those who wanted the weather of a standing world have been gone for long enough: its memory is given back.
+                    if self.desk.wanted().is_none() {
+                        self.publish();
+                    }
                 }
                 Err(mpsc::RecvTimeoutError::Timeout) => {
                     // Deadlines run from one tick's due time to the next, so that short oversleeping does not add up; a
@@ -401,6 +503,7 @@ impl Runner {
                         _ => now,
                     });
                     self.world.tick();
+                    self.changed = true;
                     self.speed.mark(self.world.simulated_s());
                     if self.world.is_halted() {
                         self.paused = true;
@@ -414,6 +517,16 @@ impl Runner {
                     }
                 }
             }
+        }
+    }
+
+    /// How long a standing world waits for an order before it forgets weather that nobody wants any more; none: for ever.
+    fn lapse(&self) -> Option<Duration> {
+        self.publisher.borrow().wanted?;
+        match self.desk.wanted() {
+            None => Some(Duration::from_millis(1)),
+            // A millisecond more, so that the wish is over when the time is.
+            Some(_) => Some(self.desk.lapses_in().unwrap_or(weather::LINGER) + Duration::from_millis(1)),
         }
     }
 
@@ -442,7 +555,10 @@ impl Runner {
             Command::Resume {} => {}
             Command::TimeScale { time_scale } => self.time_scale = time_scale,
             Command::Sun { sun } => self.world.set_sun(sun),
-            Command::Wind { add_x_m_s, add_y_m_s } => self.world.add_wind(add_x_m_s, add_y_m_s),
+            Command::Wind { add_x_m_s, add_y_m_s } => {
+                self.world.add_wind(add_x_m_s, add_y_m_s);
+                self.changed = true;
+            }
             Command::Effects { effects } => self.prepare(*effects),
         }
     }

@@ -17,6 +17,7 @@ use crate::change::Change;
 use crate::machine::Machine;
 use crate::plan::{Plan, Timings};
 use crate::watchdog::{Bounds, Damage, Fault, HALVINGS, Mark, Trouble, Watchdog};
+use crate::weather::{Copied, FieldSet};
 use crate::{initial, parameters, sun};
 
 /// See [`World::unwatched_tick_s`].
@@ -753,6 +754,27 @@ impl World {
             restores: self.watchdog.restores(),
             ..Numbers::default()
         }
+    }
+
+    /// A copy of the state's fields that are wanted, with the drawn cloud that goes with them. Waits for a device that lags. None where the
+    /// device is lost.
+    pub fn weather(&self, wanted: FieldSet, volume: Option<Arc<CloudVolume>>) -> Option<Copied> {
+        let mut state: [Vec<f32>; 5] = Default::default();
+        for (place, field) in Field::STATE.into_iter().enumerate() {
+            if wanted.fields().any(|f| f == field) && self.plan.fields.contains(&field) {
+                state[place] = self.device.read(field)?.into_owned();
+            }
+        }
+        (volume.is_some() || self.scene.effects.moisture.is_none()).then(|| Copied {
+            tick: self.tick,
+            simulated_s: self.simulated_s,
+            utc_unix_s: self.start_unix_s + self.simulated_s,
+            scene: Arc::clone(&self.scene),
+            parameters: Arc::clone(&self.parameters),
+            volume,
+            held: wanted,
+            state,
+        })
     }
 
     /// What views need, as it is now.

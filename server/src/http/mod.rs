@@ -12,6 +12,7 @@ mod route;
 mod scene;
 mod scene_schema;
 mod scenes;
+mod socket;
 mod state;
 mod world_commands;
 mod world_create;

@@ -4,6 +4,7 @@
 //! the same order; so results are bit-identical for any number of threads.
 
 mod device;
+pub mod diagnose;
 pub mod fields;
 pub mod light;
 pub mod math;

@@ -14,16 +14,21 @@ crate::constants! {
     /// Cube of volume-mean over effective radius.
     const RADIUS_RATIO_CUBED: f64 = 0.8;
     /// Cloud water below this is not drawn: less than a thousandth of a thin cloud's, rounding of the adjustment.
-    const CLOUD_WATER_MIN: f32 = 1e-7;
+    pub const CLOUD_WATER_MIN: f32 = 1e-7;
 }
 
-/// Extinction over (cloud water)^(2/3) at level `z`, 1/m: `r_e = (a q)^(1/3)`, `beta = b q / r_e`.
-pub fn scale(parameters: &Parameters, z: usize) -> f32 {
+/// Effective radius over the cube root of the cloud water at level `z`, m: `r_e = (a q)^(1/3)`.
+pub fn radius_scale(parameters: &Parameters, z: usize) -> f64 {
     let density = parameters.density_kg_m3[z] as f64;
     let number = parameters.droplet_number_per_m3 as f64;
     let a = 3.0 * density / (4.0 * std::f64::consts::PI * WATER_DENSITY_KG_M3 * RADIUS_RATIO_CUBED * number);
-    let b = 1.5 * density / WATER_DENSITY_KG_M3;
-    (b / a.cbrt()) as f32
+    a.cbrt()
+}
+
+/// Extinction over (cloud water)^(2/3) at level `z`, 1/m: `beta = b q / r_e`.
+pub fn scale(parameters: &Parameters, z: usize) -> f32 {
+    let b = 1.5 * parameters.density_kg_m3[z] as f64 / WATER_DENSITY_KG_M3;
+    (b / radius_scale(parameters, z)) as f32
 }
 
 /// Runs the stage over all levels.

@@ -16,7 +16,7 @@ use crate::cpu::math::exp;
 
 crate::constants! {
     /// Latent heat over the heat capacity, K.
-    const LATENT_OVER_CP: f32 = (c::LATENT_HEAT_VAPORISATION / c::HEAT_CAPACITY_DRY_AIR) as f32;
+    pub const LATENT_OVER_CP: f32 = (c::LATENT_HEAT_VAPORISATION / c::HEAT_CAPACITY_DRY_AIR) as f32;
     /// How much lighter vapour is than air.
     const VAPOUR_LIGHTNESS: f32 = (1.0 / c::EPSILON - 1.0) as f32;
     /// 1 less the ratio of the gas constants.
