@@ -12,6 +12,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use tokio::sync::watch;
+use welkin_proto::geography::Geography;
 use welkin_proto::report::BaseStateReport;
 use welkin_proto::scene::Effects;
 use welkin_proto::wire::{Command, PlanReport, WorldSummary};
@@ -33,7 +34,7 @@ const SPEED_WINDOW: Duration = Duration::from_secs(4);
 pub const WEATHER_WITHIN: Duration = Duration::from_secs(20);
 
 /// What a world shows of itself, immutable.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub struct Published {
     /// Counts publications from 0. It rises where the tick may stand still, such as when the sun is moved while paused.
     pub revision: u64,
@@ -56,6 +57,8 @@ pub struct View {
     pub id: Arc<str>,
     /// Its scene.
     pub scene: Arc<Scene>,
+    /// Where its box stands on Earth.
+    pub geography: Geography,
     /// The newest publication; closed once the world has stopped.
     pub published: watch::Receiver<Arc<Published>>,
     commands: mpsc::Sender<Order>,
@@ -267,6 +270,7 @@ impl Host {
         };
         let view = View {
             id: id.into(),
+            geography: Geography::new(&scene.domain, base_state.surface_altitude_m),
             scene,
             published,
             commands,

@@ -2,6 +2,8 @@
 
 use welkin_proto::validate;
 
+use crate::weather;
+
 /// Limits of one server. The defaults suit a small machine.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Limits {
@@ -32,7 +34,22 @@ pub struct Limits {
     /// Most frames a wall second on one stream.
     #[arg(long = "max-fps", value_name = "N", default_value_t = 60.0)]
     pub frames_per_s_max: f64,
-    /// Largest request body, bytes.
+    /// Most places in one request for samples, and of one client that has samples streamed.
+    #[arg(long = "max-sample-points", value_name = "N", default_value_t = 10_000)]
+    pub sample_points_max: usize,
+    /// Most answers a wall second on one stream of samples.
+    #[arg(long = "max-sample-rate", value_name = "HZ", default_value_t = 30.0)]
+    pub sample_rate_max_hz: f64,
+    /// Most values (parameters times cells or places times moments) in one answer of the weather service, OGC API EDR.
+    #[arg(long = "max-edr-values", value_name = "N", default_value_t = 1_000_000)]
+    pub edr_values_max: usize,
+    /// Most requests that are sampled at once; others wait.
+    #[arg(long = "max-samplings", value_name = "N", default_value_t = 2)]
+    pub samplings_max: usize,
+    /// Bytes of past weather that a world keeps while somebody asks for samples; the newest is always there.
+    #[arg(long = "max-past-weather", value_name = "BYTES", default_value_t = weather::PAST_BYTES_MAX)]
+    pub past_weather_bytes_max: usize,
+    /// Largest request body, bytes; also the largest message to a stream of samples, which carries everybody's position.
     #[arg(long = "max-body", value_name = "BYTES", default_value_t = 1 << 20)]
     pub body_bytes_max: usize,
     /// Largest message from a stream's client, bytes.

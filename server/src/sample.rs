@@ -4,7 +4,7 @@
 //! which interpolates a streamed volume gets the same. East and north the box repeats. In the half cell between the outermost centres
 //! and the ground or the lid, where centres end, a channel keeps the outermost centre's value, but for three that physics continues:
 //! the vertical wind goes to 0, the temperature follows a dry adiabat (a cell's air has one potential temperature), the pressure is
-//! hydrostatic. Pressure is linear in its logarithm between levels: in the isothermal air this is exact. Visibility is made of
+//! hydrostatic. Pressure is interpolated as its Exner function, which is linear in neutral air. Visibility is made of
 //! the interpolated extinction, wind speed and direction of the interpolated wind. Below the ground and above the lid the result is NaN.
 //!
 //! Time: a tick's weather, or linear between two that are kept.
@@ -12,12 +12,12 @@
 use std::sync::Arc;
 
 use welkin_proto::sample::{Moment, Quantity};
-use welkin_proto::{ApiError, Channel};
+use welkin_proto::{ApiError, Channel, Scene};
 use welkin_shaders::Grid;
-use welkin_shaders::constants::{GAS_CONSTANT_DRY_AIR, GRAVITY_M_S2, HEAT_CAPACITY_DRY_AIR};
+use welkin_shaders::constants::{GRAVITY_M_S2, HEAT_CAPACITY_DRY_AIR, KAPPA, REFERENCE_PRESSURE_PA};
 use welkin_shaders::cpu::diagnose::visibility_m;
 
-use crate::weather::{FieldSet, Weather};
+use crate::weather::{FieldSet, Weather, offers};
 
 /// Rate at which dry air cools as it rises, K/m.
 const DRY_LAPSE_K_M: f64 = GRAVITY_M_S2 / HEAT_CAPACITY_DRY_AIR;
@@ -119,12 +119,12 @@ pub fn fields_of(quantities: &[Quantity]) -> FieldSet {
     FieldSet::of(&channels)
 }
 
-/// The quantities that a weather's scene has, and why it lacks the others.
-pub fn offered(weather: &Weather) -> (Vec<Quantity>, Vec<(Quantity, ApiError)>) {
+/// The quantities that a scene has, and why it lacks the others.
+pub fn offered(scene: &Scene) -> (Vec<Quantity>, Vec<(Quantity, ApiError)>) {
     let mut there = Vec::new();
     let mut missing = Vec::new();
     for quantity in Quantity::all() {
-        match quantity.channels().into_iter().try_for_each(|c| weather.offers(c)) {
+        match quantity.channels().into_iter().try_for_each(|c| offers(scene, c)) {
             Ok(()) => there.push(quantity),
             Err(error) => missing.push((quantity, error)),
         }
@@ -192,11 +192,10 @@ impl Stencil {
         let p = &weather.parameters;
         match channel {
             Channel::PressurePa => {
-                let [low, high] = self.levels.map(|z| f64::from(p.pressure_pa[z]).ln());
-                let z = self.levels[0];
-                let virtual_k = f64::from(p.virtual_potential_temperature_k[z]) * f64::from(p.exner[z]);
-                let scale_height_m = GAS_CONSTANT_DRY_AIR * virtual_k / GRAVITY_M_S2;
-                (low + self.up * (high - low) - self.beyond_m / scale_height_m).exp()
+                let [low, high] = self.levels.map(|z| f64::from(p.exner[z]));
+                let theta_v_k = f64::from(p.virtual_potential_temperature_k[self.levels[0]]);
+                let exner = low + self.up * (high - low) - DRY_LAPSE_K_M * self.beyond_m / theta_v_k;
+                REFERENCE_PRESSURE_PA * exner.powf(1.0 / KAPPA)
             }
             Channel::TemperatureK => self.mean(field) - DRY_LAPSE_K_M * self.beyond_m,
             Channel::WindZMS => {

@@ -182,22 +182,9 @@ impl Weather {
         4 * (state + cloud + (derived + between) * self.grid().len())
     }
 
-    /// Whether the scene has the effect that a channel needs. Errors: `channel_unavailable`, with the reason.
+    /// Whether the scene has the effect that a channel needs. Errors: those of [`offers`].
     pub fn offers(&self, channel: Channel) -> Result<(), ApiError> {
-        let effects = &self.scene.effects;
-        let missing = match channel.needs() {
-            Some("flow") => effects.flow.is_none(),
-            Some("moisture") => effects.moisture.is_none(),
-            Some("turbulence") => effects.turbulence.is_none(),
-            _ => false,
-        };
-        match channel.needs() {
-            Some(effect) if missing => Err(ApiError::new(
-                "channel_unavailable",
-                format!("{}: the scene has no effect `{effect}`", channel.name()),
-            )),
-            _ => Ok(()),
-        }
+        offers(&self.scene, channel)
     }
 
     /// The channels that the scene has.
@@ -321,6 +308,24 @@ impl Weather {
         let mut values: Values = std::iter::repeat_n(0.0, self.grid().len()).collect();
         fill(Arc::make_mut(&mut values));
         values
+    }
+}
+
+/// Whether a scene has the effect that a channel needs. Errors: `channel_unavailable`, with the reason.
+pub fn offers(scene: &Scene, channel: Channel) -> Result<(), ApiError> {
+    let effects = &scene.effects;
+    let missing = match channel.needs() {
+        Some("flow") => effects.flow.is_none(),
+        Some("moisture") => effects.moisture.is_none(),
+        Some("turbulence") => effects.turbulence.is_none(),
+        _ => false,
+    };
+    match channel.needs() {
+        Some(effect) if missing => Err(ApiError::new(
+            "channel_unavailable",
+            format!("{}: the scene has no effect `{effect}`", channel.name()),
+        )),
+        _ => Ok(()),
     }
 }
 

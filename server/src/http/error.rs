@@ -18,15 +18,17 @@ impl From<ApiError> for Refusal {
 /// The HTTP status of an error code; 400 for the many that blame the request.
 pub fn status_of(code: &str) -> StatusCode {
     match code {
-        "not_found" | "unknown_world" | "unknown_scene" => StatusCode::NOT_FOUND,
+        "not_found" | "unknown_world" | "unknown_scene" | "not_yet" | "tick_not_kept" | "weather_not_kept" => {
+            StatusCode::NOT_FOUND
+        }
         "foreign_origin" => StatusCode::FORBIDDEN,
         "method_not_allowed" => StatusCode::METHOD_NOT_ALLOWED,
-        "world_stopped" => StatusCode::GONE,
-        "body_too_large" | "too_large" => StatusCode::PAYLOAD_TOO_LARGE,
+        "world_stopped" | "too_old" => StatusCode::GONE,
+        "body_too_large" | "too_large" | "too_many_points" => StatusCode::PAYLOAD_TOO_LARGE,
         "unsupported_media_type" => StatusCode::UNSUPPORTED_MEDIA_TYPE,
         "upgrade_required" => StatusCode::UPGRADE_REQUIRED,
         "too_many_worlds" | "too_many_streams" | "busy" => StatusCode::TOO_MANY_REQUESTS,
-        "render_too_long" => StatusCode::SERVICE_UNAVAILABLE,
+        "render_too_long" | "weather_unavailable" => StatusCode::SERVICE_UNAVAILABLE,
         "unstable" => StatusCode::UNPROCESSABLE_ENTITY,
         "internal" => StatusCode::INTERNAL_SERVER_ERROR,
         _ => StatusCode::BAD_REQUEST,

@@ -7,6 +7,7 @@ mod extract;
 mod healthz;
 mod openapi;
 mod page;
+mod query;
 mod render;
 mod route;
 mod scene;

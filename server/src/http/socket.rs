@@ -40,7 +40,13 @@ impl Route {
 /// Opens a WebSocket to a world and lets `live` run it until it ends; counted as a stream, and as somebody who looks on.
 ///
 /// Errors: `foreign_origin`, `upgrade_required`, `too_many_streams`.
-pub async fn open<L, F>(state: AppState, world: View, request: Request, live: L) -> Result<Response, Refusal>
+pub async fn open<L, F>(
+    state: AppState,
+    world: View,
+    request: Request,
+    message_bytes_max: usize,
+    live: L,
+) -> Result<Response, Refusal>
 where
     L: FnOnce(Connection) -> F + Send + 'static,
     F: Future<Output = (Connection, End)> + Send + 'static,
@@ -50,7 +56,6 @@ where
     let upgrade = WebSocketUpgrade::from_request_parts(&mut parts, &state).await;
     let upgrade = upgrade.map_err(|e| ApiError::new("upgrade_required", e.body_text()))?;
     let permit = state.open_stream()?;
-    let most = state.limits().message_bytes_max;
     let stall = Duration::try_from_secs_f64(state.limits().stall_timeout_s).unwrap_or(Duration::MAX);
     let run = move |socket| async move {
         let _permit = permit;
@@ -67,7 +72,10 @@ where
         let (connection, end) = live(connection).await;
         connection.close(end).await;
     };
-    Ok(upgrade.max_message_size(most).max_frame_size(most).on_upgrade(run))
+    Ok(upgrade
+        .max_message_size(message_bytes_max)
+        .max_frame_size(message_bytes_max)
+        .on_upgrade(run))
 }
 
 /// A page of another site must not command a world through its visitor's browser. Browsers always say where a page

@@ -31,6 +31,7 @@ struct Shared {
     worlds: Mutex<Worlds>,
     streams: AtomicUsize,
     renders: Arc<Semaphore>,
+    samplings: Arc<Semaphore>,
     renderer: RenderService,
 }
 
@@ -65,6 +66,7 @@ impl AppState {
             worlds: Mutex::new(Worlds::default()),
             streams: AtomicUsize::new(0),
             renders: Arc::new(Semaphore::new(limits.renders_max)),
+            samplings: Arc::new(Semaphore::new(limits.samplings_max)),
             limits,
         };
         Ok(Self {
@@ -95,6 +97,11 @@ impl AppState {
     /// Permits for renders of scenes of their own.
     pub fn renders(&self) -> &Arc<Semaphore> {
         &self.shared.renders
+    }
+
+    /// Permits for sampling.
+    pub fn samplings(&self) -> &Arc<Semaphore> {
+        &self.shared.samplings
     }
 
     /// Open streams.
@@ -160,6 +167,8 @@ impl AppState {
             let mut worlds = state.worlds_locked();
             worlds.starting -= 1;
             if let Ok(host) = &host {
+                let most = state.shared.limits.past_weather_bytes_max;
+                host.view().set_past_bytes_max(most);
                 worlds.running.insert(number, host.clone());
                 if !stays {
                     worlds.passing.insert(number);

@@ -12,6 +12,7 @@ use welkin_proto::{ApiError, Camera, validate};
 use super::checks;
 use super::error::{Refusal, internal};
 use super::extract::{Pairs, WorldOf};
+use super::query::{invalid, number, unknown};
 use super::route::{Place, Route};
 use super::state::AppState;
 use crate::host::renderer::{Frame, FrameRequest};
@@ -186,10 +187,7 @@ fn parse(pairs: &[(String, String)], scene_camera: &Camera, limits: &Limits) -> 
             "elevation_deg" => camera.elevation_deg = number(name, value)?,
             "vertical_fov_deg" => camera.vertical_fov_deg = number(name, value)?,
             "exposure_ev" => camera.exposure_ev = number(name, value)?,
-            _ => {
-                let message = format!("there is no parameter {name:?}; see /v1/openapi.json");
-                return Err(ApiError::new("unknown_parameter", message).at(format!("/{}", escape(name))));
-            }
+            _ => return Err(unknown(name)),
         }
     }
     checks::size(request.width, request.height, limits)?;
@@ -219,25 +217,4 @@ fn pixels(name: &str, value: &str) -> Result<u32, ApiError> {
         }),
         Err(_) => Err(invalid(name, value, "a whole number")),
     }
-}
-
-fn number(name: &str, value: &str) -> Result<f64, ApiError> {
-    match f64::from_str(value) {
-        Ok(number) if number.is_finite() => Ok(number),
-        _ => Err(invalid(name, value, "a finite number")),
-    }
-}
-
-fn invalid(name: &str, value: &str, wanted: &str) -> ApiError {
-    let value: String = value.chars().take(40).collect();
-    ApiError::new("bad_parameter", format!("{name} is {value:?}; it must be {wanted}")).at(format!("/{name}"))
-}
-
-/// A name as a part of a JSON pointer (RFC 6901).
-fn escape(name: &str) -> String {
-    name.chars()
-        .take(40)
-        .collect::<String>()
-        .replace('~', "~0")
-        .replace('/', "~1")
 }

@@ -36,7 +36,8 @@ async fn open(State(state): State<AppState>, WorldOf(host): WorldOf, request: Re
     let view = host.view().clone();
     drop(host); // the world may be stopped while the stream is open
     let (shared, world) = (state.clone(), view.clone());
-    socket::open(state, view, request, move |connection| async move {
+    let most = state.limits().message_bytes_max;
+    socket::open(state, view, request, most, move |connection| async move {
         let mut stream = Stream {
             connection,
             state: shared,
