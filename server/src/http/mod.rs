@@ -10,6 +10,10 @@ mod page;
 mod query;
 mod render;
 mod route;
+mod sample_many;
+mod sample_point;
+mod sample_stream;
+mod sampling;
 mod scene;
 mod scene_schema;
 mod scenes;
@@ -69,6 +73,9 @@ pub fn routes() -> Vec<Route> {
         world_frame::route(),
         world_commands::route(),
         world_stream::route(),
+        sample_point::route(),
+        sample_many::route(),
+        sample_stream::route(),
         render::route(),
     ];
     routes.sort_by_key(|r| (r.path, r.method));

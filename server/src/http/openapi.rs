@@ -7,6 +7,7 @@ use schemars::SchemaGenerator;
 use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value, json};
 use welkin_proto::ApiError;
+use welkin_proto::sample::{SampleClientMessage, SampleServerMessage};
 use welkin_proto::wire::{ClientMessage, ServerMessage};
 
 use super::error::status_of;
@@ -42,6 +43,8 @@ pub fn document(routes: &[Route]) -> Value {
     // The stream's messages travel inside a WebSocket, which OpenAPI has no place for: they are among the schemas.
     generator.subschema_for::<ClientMessage>();
     generator.subschema_for::<ServerMessage>();
+    generator.subschema_for::<SampleClientMessage>();
+    generator.subschema_for::<SampleServerMessage>();
     json!({
         "openapi": "3.1.0",
         "info": {
