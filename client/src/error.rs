@@ -60,6 +60,9 @@ pub enum ClientError {
     /// A message over the stream is not of the protocol.
     #[error("a message cannot be read: {0}")]
     BadMessage(String),
+    /// A recording cannot be read or written.
+    #[error("the recording: {0}")]
+    Recording(String),
     /// The stream ended or broke.
     #[error("the stream ended: {0}")]
     Lost(String),
@@ -69,7 +72,7 @@ impl ClientError {
     /// Whether trying again cannot help.
     pub fn is_final(&self) -> bool {
         match self {
-            Self::BadUrl { .. } | Self::OtherProtocol { .. } => true,
+            Self::BadUrl { .. } | Self::OtherProtocol { .. } | Self::Recording(_) => true,
             Self::Refused(error) => error.code == "unknown_world",
             _ => false,
         }

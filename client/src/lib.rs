@@ -19,10 +19,14 @@
 //! # }
 //! ```
 
+pub mod clock;
 mod error;
 mod http;
+pub mod load;
+pub mod record;
 mod stream;
 mod url;
+pub mod volume;
 
 pub use error::ClientError;
 pub use http::{get_json, list_worlds};

@@ -1,19 +1,26 @@
 //! `welkin-client`: watches a live sky from a terminal.
 
+mod command;
+
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::{Parser, Subcommand, ValueEnum};
+use command::Failure;
 use futures_util::StreamExt;
-use welkin_client::{ClientError, Event, Frame, FrameWish, Next, Options, connect};
+use welkin_client::{Event, Frame, FrameWish, Next, Options, connect};
 use welkin_proto::wire::{FrameFormat, HealthState, Numbers};
 
 const EXAMPLES: &str = "Examples:
   welkin-client watch http://127.0.0.1:8080
   welkin-client watch http://127.0.0.1:8080 --save frames --fps 1 --for 10m
-  welkin-client watch http://127.0.0.1:8080 --world w2 --json | jq .numbers.updraught_max_m_s";
+  welkin-client watch http://127.0.0.1:8080 --world w2 --json | jq .numbers.updraught_max_m_s
+  welkin-client volume http://127.0.0.1:8080 --channels extinction_per_m,wind_z_m_s --mip 2
+  welkin-client record http://127.0.0.1:8080 sky.wlkr --for 1m
+  welkin-client replay sky.wlkr --speed 10
+  welkin-client load http://127.0.0.1:8080 --subscribers 100 --viewers 5 --each 10s";
 
 /// A thin native client of a Welkin server.
 #[derive(Parser)]
@@ -28,6 +35,14 @@ enum Subcommands {
     /// Print a world's numbers as they come, and save its frames if asked to; reconnects by itself.
     #[command(after_help = EXAMPLES)]
     Watch(Watch),
+    /// Follow a world's volumes and print a line for each; reconnects by itself.
+    Volume(command::volume::Volume),
+    /// The same, and keep what comes in a file.
+    Record(command::volume::Record),
+    /// Play such a file as if its server were there.
+    Replay(command::volume::Replay),
+    /// Put many clients on a server of your own, and tell what it does to its ticks.
+    Load(command::load::Load),
 }
 
 #[derive(clap::Args)]
@@ -99,14 +114,22 @@ fn duration(text: &str) -> Result<Duration, String> {
 
 #[tokio::main(flavor = "current_thread")]
 async fn main() -> ExitCode {
-    let Subcommands::Watch(arguments) = Arguments::parse().command;
-    let mut screen = Screen {
-        live: !arguments.json && std::io::stdout().is_terminal(),
-        json: arguments.json,
-        width: 0,
+    let outcome = match Arguments::parse().command {
+        Subcommands::Watch(arguments) => {
+            let mut screen = Screen {
+                live: !arguments.json && std::io::stdout().is_terminal(),
+                json: arguments.json,
+                width: 0,
+            };
+            let outcome = watch(&arguments, &mut screen).await;
+            screen.end_line();
+            outcome
+        }
+        Subcommands::Volume(arguments) => command::volume::volume(&arguments).await,
+        Subcommands::Record(arguments) => command::volume::record(&arguments).await,
+        Subcommands::Replay(arguments) => command::volume::play(&arguments).await,
+        Subcommands::Load(arguments) => command::load::load(&arguments).await,
     };
-    let outcome = watch(&arguments, &mut screen).await;
-    screen.end_line();
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(problem) => {
@@ -114,17 +137,6 @@ async fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
-}
-
-/// Why watching failed.
-#[derive(Debug, thiserror::Error)]
-enum Failure {
-    #[error(transparent)]
-    Client(#[from] ClientError),
-    #[error("cannot write {}: {source}", path.display())]
-    Write { path: PathBuf, source: std::io::Error },
-    #[error("cannot print: {0}")]
-    Print(std::io::Error),
 }
 
 async fn watch(arguments: &Watch, screen: &mut Screen) -> Result<(), Failure> {

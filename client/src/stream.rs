@@ -26,7 +26,7 @@ const EVENTS_WAITING_MAX: usize = 16;
 const MESSAGE_BYTES_MAX: usize = 64 << 20;
 const HANDSHAKE_LIMIT: Duration = Duration::from_secs(10);
 /// The server pings every 15 s; a stream that brings nothing at all for so long is dead.
-const SILENCE_LIMIT: Duration = Duration::from_secs(45);
+pub(crate) const SILENCE_LIMIT: Duration = Duration::from_secs(45);
 
 /// What is wanted of a server.
 #[derive(Clone, Debug)]
@@ -193,7 +193,7 @@ async fn follow(server: ServerUrl, options: Options, sender: mpsc::Sender<Event>
                 .await;
             return;
         }
-        let pause = pause_after(failures, &options);
+        let pause = pause_after(failures, options.retry_first, options.retry_last);
         failures += 1;
         if sender
             .send(Event::Error {
@@ -210,11 +210,8 @@ async fn follow(server: ServerUrl, options: Options, sender: mpsc::Sender<Event>
 }
 
 /// The pause after that many failures in a row, jittered so that many clients do not come back in the same instant.
-fn pause_after(failures: u32, options: &Options) -> Duration {
-    let grown = options
-        .retry_first
-        .saturating_mul(2u32.saturating_pow(failures))
-        .min(options.retry_last);
+pub(crate) fn pause_after(failures: u32, first: Duration, last: Duration) -> Duration {
+    let grown = first.saturating_mul(2u32.saturating_pow(failures)).min(last);
     // A fresh hasher is seeded at random.
     let random = std::collections::hash_map::RandomState::new().build_hasher().finish();
     grown.mul_f64(0.75 + 0.5 * (random >> 11) as f64 / (1u64 << 53) as f64)
@@ -226,7 +223,7 @@ async fn one_connection(
     sender: &mpsc::Sender<Event>,
     failures: &mut u32,
 ) -> End {
-    let mut socket = match handshake(server, options).await {
+    let mut socket = match handshake(server, options.world.as_deref(), "stream").await {
         Ok(socket) => socket,
         Err(error) => return End::Error(error),
     };
@@ -269,9 +266,14 @@ async fn one_connection(
     }
 }
 
-async fn handshake(server: &ServerUrl, options: &Options) -> Result<WebSocketStream<TcpStream>, ClientError> {
-    let world = match &options.world {
-        Some(world) => world.clone(),
+/// Opens the WebSocket `route` of a world; `None` is the server's first.
+pub(crate) async fn handshake(
+    server: &ServerUrl,
+    world: Option<&str>,
+    route: &str,
+) -> Result<WebSocketStream<TcpStream>, ClientError> {
+    let world = match world {
+        Some(world) => world.to_owned(),
         None => {
             http::list_worlds(server)
                 .await?
@@ -283,7 +285,7 @@ async fn handshake(server: &ServerUrl, options: &Options) -> Result<WebSocketStr
     };
     let tcp = http::open(server).await?;
     let url = format!(
-        "ws://{}/v1/worlds/{}/stream",
+        "ws://{}/v1/worlds/{}/{route}",
         server.authority(),
         percent_encoded(&world)
     );
@@ -420,7 +422,7 @@ mod tests {
     fn pauses_grow_to_a_ceiling() {
         let options = Options::default();
         for (failures, middle_s) in [(0, 1.0), (1, 2.0), (4, 16.0), (5, 20.0), (40, 20.0)] {
-            let pause_s = pause_after(failures, &options).as_secs_f64();
+            let pause_s = pause_after(failures, options.retry_first, options.retry_last).as_secs_f64();
             assert!(
                 (0.75 * middle_s..=1.25 * middle_s).contains(&pause_s),
                 "{pause_s} s after {failures} failures"

@@ -17,6 +17,7 @@ pub mod scene;
 pub mod sounding;
 pub mod time;
 pub mod validate;
+pub mod volume;
 pub mod wire;
 
 pub use camera::Camera;

@@ -19,6 +19,7 @@ pub mod plot;
 pub mod sample;
 pub mod sun;
 pub mod validate;
+pub mod volume;
 pub mod watchdog;
 pub mod weather;
 pub mod world;

@@ -55,6 +55,18 @@ pub struct Limits {
     /// Largest message from a stream's client, bytes.
     #[arg(long = "max-message", value_name = "BYTES", default_value_t = 64 << 10)]
     pub message_bytes_max: usize,
+    /// Most different volume views that are followed at once, over all worlds.
+    #[arg(long = "max-volume-views", value_name = "N", default_value_t = 64)]
+    pub volume_views_max: usize,
+    /// Most values in a volume, over all its channels; one costs some 10 bytes while the view is followed.
+    #[arg(long = "max-volume-values", value_name = "N", default_value_t = 1 << 25)]
+    pub volume_values_max: u64,
+    /// Most volumes a wall second for one subscriber.
+    #[arg(long = "max-volume-rate", value_name = "N", default_value_t = 60.0)]
+    pub volume_rate_max_hz: f64,
+    /// Most bytes of volumes a wall second for one subscriber.
+    #[arg(long = "max-volume-bytes", value_name = "N", default_value_t = 2e7)]
+    pub volume_bytes_per_s_max: f64,
     /// Wall seconds that a stream's client may take to accept a message before it is dropped.
     #[arg(long = "stall-timeout", value_name = "SECONDS", default_value_t = 10.0)]
     pub stall_timeout_s: f64,

@@ -84,6 +84,8 @@ async fn every_reference_in_the_document_leads_somewhere_and_ids_are_unique() {
         "ApiError",
         "ClientMessage",
         "ServerMessage",
+        "VolumeClientMessage",
+        "VolumeServerMessage",
         "PlanReport",
         "Command",
     ] {

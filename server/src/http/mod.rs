@@ -26,6 +26,8 @@ mod world_frame;
 mod world_plan;
 mod world_state;
 mod world_stream;
+mod world_volume;
+mod world_volume_bin;
 mod worlds;
 
 use std::future::Future;
@@ -51,6 +53,7 @@ pub use state::AppState;
 pub use world_state::WorldState;
 
 use error::Refusal;
+pub(crate) use error::internal;
 
 /// How long a server that was told to stop waits for answers under way.
 const SHUT_DOWN_WITHIN: Duration = Duration::from_secs(5);
@@ -76,6 +79,8 @@ pub fn routes() -> Vec<Route> {
         sample_point::route(),
         sample_many::route(),
         sample_stream::route(),
+        world_volume::route(),
+        world_volume_bin::route(),
         render::route(),
     ];
     routes.sort_by_key(|r| (r.path, r.method));

@@ -8,6 +8,7 @@ use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value, json};
 use welkin_proto::ApiError;
 use welkin_proto::sample::{SampleClientMessage, SampleServerMessage};
+use welkin_proto::volume::subscribe::{VolumeClientMessage, VolumeServerMessage};
 use welkin_proto::wire::{ClientMessage, ServerMessage};
 
 use super::error::status_of;
@@ -45,6 +46,8 @@ pub fn document(routes: &[Route]) -> Value {
     generator.subschema_for::<ServerMessage>();
     generator.subschema_for::<SampleClientMessage>();
     generator.subschema_for::<SampleServerMessage>();
+    generator.subschema_for::<VolumeClientMessage>();
+    generator.subschema_for::<VolumeServerMessage>();
     json!({
         "openapi": "3.1.0",
         "info": {

@@ -67,6 +67,7 @@ where
             stall,
             pings,
             heard_at: Instant::now(),
+            answered: Bytes::new(),
             world,
         };
         let (connection, end) = live(connection).await;
@@ -133,6 +134,7 @@ pub struct Connection {
     stall: Duration,
     pings: Interval,
     heard_at: Instant,
+    answered: Bytes,
     world: View,
 }
 
@@ -160,8 +162,14 @@ impl Connection {
         match message {
             Ok(Message::Text(text)) => Ok(Some(Incoming::Text(text))),
             Ok(Message::Binary(bytes)) => Ok(Some(Incoming::Binary(bytes))),
+            Ok(Message::Pong(carried)) => {
+                if !carried.is_empty() {
+                    self.answered = carried;
+                }
+                Ok(None)
+            }
             // A close is answered by the library; the next read ends the connection.
-            Ok(Message::Ping(_) | Message::Pong(_) | Message::Close(_)) => Ok(None),
+            Ok(Message::Ping(_) | Message::Close(_)) => Ok(None),
             Err(error) if is_too_long(&error) => Err(End::Rule(close_code::SIZE, "the message is too long")),
             Err(_) => Err(End::Gone),
         }
@@ -177,6 +185,11 @@ impl Connection {
                 Err(End::Gone)
             }
         }
+    }
+
+    /// What the last of the route's own pings that was answered carried; empty before the first.
+    pub fn answered(&self) -> &[u8] {
+        &self.answered
     }
 
     /// Sends a message as JSON text.

@@ -13,6 +13,7 @@ use crate::host::Host;
 use crate::host::renderer::RenderService;
 use crate::limits::Limits;
 use crate::machine::Machine;
+use crate::volume::VolumeService;
 
 /// Idle worlds are looked for ten times in the time that they have, but no more and no less often than this.
 const IDLE_CHECK_MIN: Duration = Duration::from_millis(50);
@@ -33,6 +34,7 @@ struct Shared {
     renders: Arc<Semaphore>,
     samplings: Arc<Semaphore>,
     renderer: RenderService,
+    volumes: VolumeService,
 }
 
 #[derive(Default)]
@@ -67,6 +69,7 @@ impl AppState {
             streams: AtomicUsize::new(0),
             renders: Arc::new(Semaphore::new(limits.renders_max)),
             samplings: Arc::new(Semaphore::new(limits.samplings_max)),
+            volumes: VolumeService::default(),
             limits,
         };
         Ok(Self {
@@ -92,6 +95,11 @@ impl AppState {
     /// The service that renders frames of running worlds.
     pub fn renderer(&self) -> &RenderService {
         &self.shared.renderer
+    }
+
+    /// The service that encodes volumes of running worlds.
+    pub fn volumes(&self) -> &VolumeService {
+        &self.shared.volumes
     }
 
     /// Permits for renders of scenes of their own.
