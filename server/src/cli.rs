@@ -35,6 +35,7 @@ Examples:
   welkin serve --scene stratocumulus --listen 0.0.0.0:9000
   welkin serve --sounding omaha.txt              grow clouds from a real ascent
   welkin render warm-bubble -o bubble.png --at 15m --size 1280x720
+  welkin render http://127.0.0.1:8080 -o live.png
   welkin run fair-weather-cumulus --until 2h --stats stats.csv
   welkin explain clear-sky-wind                  which passes run, why, and what each costs
   welkin scenes                                  the presets, one line each

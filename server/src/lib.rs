@@ -10,6 +10,7 @@ pub mod http;
 pub mod initial;
 pub mod ladder;
 pub mod limits;
+pub mod live_sky;
 pub mod machine;
 pub mod methods;
 pub mod parameters;

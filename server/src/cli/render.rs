@@ -5,12 +5,18 @@ use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use clap::Args;
+use futures_util::StreamExt;
+use welkin_client::volume::{VolumeEvent, VolumeOptions, subscribe};
+use welkin_client::{ClientError, ServerUrl, get_json};
+use welkin_proto::volume::subscribe::VolumeServerMessage;
 use welkin_proto::wire::FrameFormat;
 use welkin_proto::{Camera, validate};
 
 use super::{
     Failure, Outcome, SceneFlags, duration_s, interrupt_flag, own_limits, print_line, progress_bar, write_file,
 };
+use crate::http::WorldState;
+use crate::live_sky;
 use crate::picture::{self, Renderer};
 use crate::world::World;
 
@@ -18,14 +24,16 @@ pub(super) const EXAMPLES: &str = "\
 Examples:
   welkin render fair-weather-cumulus -o sky.png
   welkin render warm-bubble -o bubble.jpg --at 15m --size 1920x1080
-  welkin render my-scene.json -o up.webp --at 2h --position 3200,3200,2 --elevation 90 --fov 100";
+  welkin render my-scene.json -o up.webp --at 2h --position 3200,3200,2 --elevation 90 --fov 100
+  welkin render http://127.0.0.1:8080 -o live.png      a live world as it is now, drawn on this machine";
 
 /// Longest side of a picture, pixels: what a JPEG can hold.
 const SIDE_MAX: u32 = 16_384;
 
 #[derive(Args)]
 pub(super) struct Options {
-    /// A preset's name or the path of a JSON document.
+    /// A preset's name, the path of a JSON document, or the address of a server whose first world is drawn on this machine from
+    /// its volumes.
     scene: String,
     /// File to write; its extension, png, jpg or webp, says the format.
     #[arg(short, long, value_name = "FILE")]
@@ -51,23 +59,39 @@ pub(super) struct Options {
     /// Exposure compensation, stops.
     #[arg(long, value_name = "STOPS", allow_hyphen_values = true)]
     exposure: Option<f64>,
+    /// Of a live world: its id; the server's first unless given.
+    #[arg(long, value_name = "ID", conflicts_with_all = ["at", "sounding"])]
+    world: Option<String>,
+    /// Of a live world: fetch its cloud coarser by 2^mip along each edge.
+    #[arg(long, value_name = "0..6", default_value_t = 0, conflicts_with_all = ["at", "sounding"])]
+    mip: u8,
     #[command(flatten)]
     flags: SceneFlags,
+}
+
+impl Options {
+    /// The scene's camera with what was given in its place. Errors: `out_of_range`.
+    fn camera(&self, base: &Camera) -> Result<Camera, Failure> {
+        let camera = Camera {
+            position_m: self.position.unwrap_or(base.position_m),
+            azimuth_deg: self.azimuth.unwrap_or(base.azimuth_deg),
+            elevation_deg: self.elevation.unwrap_or(base.elevation_deg),
+            vertical_fov_deg: self.fov.unwrap_or(base.vertical_fov_deg),
+            exposure_ev: self.exposure.unwrap_or(base.exposure_ev),
+        };
+        validate::camera(&camera, "")?;
+        Ok(camera)
+    }
 }
 
 pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
     let format = format_of(&options.output)?;
     options.flags.size_pool();
+    if options.scene.starts_with("http://") {
+        return live(&options, format);
+    }
     let scene = options.flags.load(&options.scene, &own_limits())?;
-    let base = &scene.camera;
-    let camera = Camera {
-        position_m: options.position.unwrap_or(base.position_m),
-        azimuth_deg: options.azimuth.unwrap_or(base.azimuth_deg),
-        elevation_deg: options.elevation.unwrap_or(base.elevation_deg),
-        vertical_fov_deg: options.fov.unwrap_or(base.vertical_fov_deg),
-        exposure_ev: options.exposure.unwrap_or(base.exposure_ev),
-    };
-    validate::camera(&camera, "")?;
+    let camera = options.camera(&scene.camera)?;
     let until_s = options.at.unwrap_or(scene.time.spin_up_s);
     let interrupted = interrupt_flag();
     let began = Instant::now();
@@ -95,6 +119,51 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
         "{}: {width}x{height} at simulated second {:.0}; simulated in {simulate_s:.1} s, rendered in {:.0} ms",
         options.output.display(),
         snapshot.numbers.simulated_s,
+        picture.render_ms,
+    ))?;
+    Ok(Outcome::Done)
+}
+
+/// Draws a live world on this machine, from one volume of its cloud.
+fn live(options: &Options, format: FrameFormat) -> Result<Outcome, Failure> {
+    let failed = |error: ClientError| Failure(error.to_string());
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+    let runtime = runtime.map_err(|error| Failure(error.to_string()))?;
+    let (world, field) = runtime.block_on(async {
+        let server = ServerUrl::parse(&options.scene).map_err(failed)?;
+        let volume_options = VolumeOptions {
+            world: options.world.clone(),
+            subscription: live_sky::subscription(options.mip),
+            ..VolumeOptions::default()
+        };
+        let mut volumes = subscribe(&options.scene, volume_options).map_err(failed)?;
+        let mut world = None;
+        loop {
+            match volumes.next().await {
+                Some(VolumeEvent::Hello(VolumeServerMessage::Hello { world: id, .. })) => world = Some(id),
+                Some(VolumeEvent::Hello(_) | VolumeEvent::Subscribed(_)) => {}
+                Some(VolumeEvent::Error { error, .. }) => return Err(failed(error)),
+                None => return Err(Failure("the server sent no volume".to_owned())),
+                Some(VolumeEvent::Volume { field, .. }) => {
+                    let path = format!("/v1/worlds/{}", world.unwrap_or_default());
+                    let body = get_json(&server, &path).await.map_err(failed)?;
+                    let state: WorldState = serde_json::from_slice(&body).map_err(|e| Failure(e.to_string()))?;
+                    return Ok((state, field));
+                }
+            }
+        }
+    })?;
+    let camera = options.camera(&world.scene.camera)?;
+    let snapshot = live_sky::snapshot(&field, world.scene)?;
+    let machine = options.flags.machine()?;
+    let [width, height] = options.size;
+    let picture = Renderer::new(&machine.compute).render(&snapshot, &snapshot.scene, &camera, width, height)?;
+    write_file(&options.output, &picture::encode(&picture, format)?)?;
+    print_line(&format!(
+        "{}: {width}x{height} of world {} at simulated second {:.0}, drawn here in {:.0} ms",
+        options.output.display(),
+        world.id,
+        field.moment.simulated_s,
         picture.render_ms,
     ))?;
     Ok(Outcome::Done)
