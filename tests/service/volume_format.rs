@@ -26,6 +26,13 @@ fn cases(count: u32) -> Config {
     }
 }
 
+fn cases_run<S: Strategy>(count: u32, strategy: &S, mut test: impl FnMut(S::Value) -> Result<(), TestCaseError>) {
+    let test = std::cell::RefCell::new(&mut test);
+    TestRunner::new(cases(count))
+        .run(strategy, |value| test.borrow_mut()(value))
+        .unwrap();
+}
+
 fn planes() -> Vec<Plane> {
     ["extinction_per_m", "wind_x_m_s"]
         .map(|name| Plane {
@@ -393,6 +400,53 @@ fn random_bytes_are_refused() {
             Ok(())
         })
         .unwrap();
+}
+
+#[test]
+fn whatever_region_is_asked_for_it_lies_within_the_world_or_is_refused() {
+    let number = prop_oneof![
+        -10.0..3000.0f64,
+        any::<f64>(),
+        Just(f64::NAN),
+        Just(f64::INFINITY),
+        Just(2000.0),
+        Just(0.0)
+    ];
+    let index = prop_oneof![0..25u32, any::<u32>()];
+    let metres = prop::option::of((prop::array::uniform3(number.clone()), prop::array::uniform3(number)));
+    let cells = prop::option::of((prop::array::uniform3(index.clone()), prop::array::uniform3(index)));
+    let world = (prop::array::uniform3(1..40u32), prop::array::uniform3(0.1..200.0f64));
+    let mut taken = 0;
+    cases_run(
+        20_000,
+        &(metres, cells, world, 0..9u8),
+        |(metres, cells, (world, size_m), mip)| {
+            let subscription = Subscription {
+                region_m: metres.map(|(from, to)| RegionM { from, to }),
+                region_cells: cells.map(|(from, cells)| RegionCells { from, cells }),
+                mip,
+                ..Subscription::default()
+            };
+            if let Ok(layout) = subscription.layout(world, size_m) {
+                taken += 1;
+                prop_assert_eq!(layout.check(), Ok(()));
+                let cells = layout.cells();
+                prop_assert!((0..3).all(|a| cells[a] >= 1 && cells[a] <= world[a] as usize));
+                // What was asked for is in it.
+                if let Some((from, cells)) = cells_asked(&subscription) {
+                    let region = layout.region;
+                    prop_assert!((0..3).all(|a| region.from[a] <= from[a]));
+                    prop_assert!((0..3).all(|a| region.from[a] + region.cells[a] >= from[a] + cells[a]));
+                }
+            }
+            Ok(())
+        },
+    );
+    assert!(taken > 1000, "{taken} were taken");
+}
+
+fn cells_asked(subscription: &Subscription) -> Option<([u32; 3], [u32; 3])> {
+    subscription.region_cells.map(|r| (r.from, r.cells))
 }
 
 #[test]
