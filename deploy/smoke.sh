@@ -92,6 +92,9 @@ bytes=$(stat -c %s "$work/frame")
 # A picture of one colour packs into a few hundred bytes.
 [[ $bytes -gt 2000 ]] || fail "the frame has $bytes bytes: it is blank"
 
+get "/v1/worlds/$id/volume.bin?channels=temperature_k&mip=2" "$work/volume"
+[[ $(head -c 4 "$work/volume") == WLKV ]] || fail "the volume is none: $(head -c 300 "$work/volume")"
+
 tick() { curl --silent --fail --max-time 10 "$url/v1/worlds/$id" | grep -o '"tick": *[0-9]*' | head -n 1 | grep -o '[0-9]*'; }
 first=$(tick) || fail "the world says no tick"
 for _ in $(seq 100); do

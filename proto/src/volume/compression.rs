@@ -22,7 +22,7 @@ pub enum Compression {
     /// zlib (RFC 1950): a browser's `DecompressionStream("deflate")` and Python's `zlib` unpack it.
     #[default]
     Deflate,
-    /// Zstandard (RFC 8878): smaller and faster, for native clients.
+    /// Zstandard (RFC 8878): as small, and faster for large volumes; for native clients.
     Zstd,
 }
 
