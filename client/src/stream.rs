@@ -15,7 +15,10 @@ use tokio_tungstenite::tungstenite::protocol::WebSocketConfig;
 use tokio_tungstenite::tungstenite::{self, Message};
 use tokio_tungstenite::{WebSocketStream, client_async_with_config};
 use welkin_proto::camera::Camera;
-use welkin_proto::wire::{ClientMessage, FrameFormat, FrameHeader, Numbers, PROTOCOL_VERSION, ServerMessage};
+use welkin_proto::wire::{
+    ClientMessage, FRAME_HEADER_VERSION, FrameFormat, FrameHeader, FrameQuality, Numbers, PROTOCOL_VERSION,
+    ServerMessage,
+};
 
 use crate::error::ClientError;
 use crate::http;
@@ -327,6 +330,8 @@ async fn ask_for(socket: &mut WebSocketStream<TcpStream>, wish: &FrameWish) -> R
         format,
         max_fps,
         camera: camera.clone(),
+        quality: FrameQuality::Live,
+        header: FRAME_HEADER_VERSION,
     };
     let text = serde_json::to_string(&message).map_err(|e| ClientError::BadMessage(e.to_string()))?;
     socket

@@ -1,10 +1,12 @@
 // @ts-check
 // Ties the stream, the picture and the panel together.
 
-/** @import { Camera, Command, Hello, Numbers, SceneSummary, Status } from "./types.js" */
+/** @import { Camera, Command, Frame, Hello, Numbers, SceneSummary, Status } from "./types.js" */
 
+import { Drawing } from "./drawing.js";
 import { FollowingSlider, NumberBoard, duration, element, readable } from "./panel.js";
-import { ServerError, SkyStream, listScenes, request } from "./stream.js";
+import { LatencyBoard, ServerClock } from "./latency.js";
+import { FRAME_HEADER_VERSION, ServerError, SkyStream, listScenes, request } from "./stream.js";
 import { QUALITIES, SkyView, compassPoint } from "./view.js";
 
 const MAX_FPS = 8;
@@ -33,6 +35,33 @@ const look = element("look", HTMLParagraphElement);
 
 const view = new SkyView(element("sky", HTMLCanvasElement), askForFrames, cameraShown);
 const stream = new SkyStream({ hello: onHello, tick: onTick, frame: (f) => view.show(f), error: showNotice, status: onStatus });
+
+const clock = new ServerClock();
+const latency = new LatencyBoard(element("latency-numbers", HTMLDivElement), clock);
+/** @param {Frame} frame @param {number} decode_ms */
+view.onDrawn = (frame, decode_ms) => latency.drawn(frame, decode_ms, numbers);
+
+const drawing = new Drawing(
+  element("sky-here", HTMLCanvasElement),
+  element("draw", HTMLSelectElement),
+  element("drawn-by", HTMLParagraphElement),
+  {
+    changed: (here) => {
+      view.fitsWindow = here;
+      past.value = "0";
+      showPast();
+      if (here) {
+        stream.send({ type: "no_frames" });
+      } else {
+        askForFrames();
+      }
+    },
+    drawn: (drawn) => {
+      view.drawnMs.push(performance.now());
+      latency.drawnHere(drawn, numbers);
+    },
+  },
+);
 
 /** @type {ReturnType<typeof setTimeout> | undefined} */
 let noticeTimer;
@@ -79,7 +108,9 @@ function onHello(message) {
     view.setCamera(message.camera);
     void learnSpinUp(message.world);
   }
+  drawing.setWorld(message.world);
   askForFrames();
+  void clock.measure();
   void fillScenes();
 }
 
@@ -123,6 +154,7 @@ function showHealth(now) {
 /** @param {Numbers} now */
 function onTick(now) {
   numbers = now;
+  drawing.setNumbers(now);
   showHealth(now);
   board.update(now);
   element("utc", HTMLSpanElement).textContent = now.utc.replace("T", " ").replace(/(\.\d+)?Z$/, " UTC");
@@ -153,15 +185,25 @@ function onTick(now) {
 }
 
 function askForFrames() {
-  if (document.hidden || view.camera === null) {
+  if (document.hidden || drawing.here || view.camera === null) {
     return;
   }
   const [width, height] = view.frameSize(quality);
-  stream.send({ type: "frames", width, height, format: "jpeg", max_fps: MAX_FPS, camera: view.camera });
+  stream.send({
+    type: "frames",
+    width,
+    height,
+    format: "jpeg",
+    max_fps: MAX_FPS,
+    camera: view.camera,
+    quality: "resting",
+    header: FRAME_HEADER_VERSION,
+  });
 }
 
 /** @param {Camera} camera */
 function cameraShown(camera) {
+  drawing.setCamera(camera);
   const up = camera.elevation_deg;
   const height = camera.position_m[2];
   look.textContent =
@@ -248,6 +290,53 @@ for (const button of document.querySelectorAll("button[data-place]")) {
     }
   });
 }
+
+const past = element("past", HTMLInputElement);
+const pastOut = element("past-out", HTMLOutputElement);
+
+/** Says what the slider shows. */
+function showPast() {
+  const sky = drawing.here ? drawing.sky : null;
+  past.disabled = sky === null;
+  past.min = String(-Math.max(1, Math.floor(sky?.past.span_s ?? 1)));
+  const ago_s = -past.valueAsNumber;
+  const field = sky?.shownPast ?? null;
+  const text =
+    sky === null ? "–" : field === null ? "live" : `${duration(ago_s)} ago, ${duration(field.header.simulated_s)} simulated`;
+  if (pastOut.textContent !== text) {
+    pastOut.textContent = text;
+    past.setAttribute("aria-valuetext", text);
+  }
+}
+
+past.addEventListener("input", () => {
+  drawing.sky?.lookBack(-past.valueAsNumber);
+  showPast();
+});
+
+const dragSelect = element("drag", HTMLSelectElement);
+dragSelect.addEventListener("change", () => (view.orbits = dragSelect.value === "orbit"));
+
+element("save", HTMLButtonElement).addEventListener("click", async () => {
+  let png = null;
+  let tick = view.shownTick;
+  if (drawing.here) {
+    const captured = await drawing.sky?.capture();
+    png = captured?.png ?? null;
+    tick = captured?.tick ?? null;
+  } else {
+    png = await new Promise((resolve) => view.canvas.toBlob(resolve, "image/png"));
+  }
+  if (png === null || png === undefined) {
+    showNotice("There is no picture yet.");
+    return;
+  }
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(png);
+  link.download = `welkin-${hello?.world ?? "sky"}-tick-${tick ?? "none"}.png`;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+});
 
 QUALITIES.forEach(([width, height], index) => qualitySelect.add(new Option(`${width} × ${height}`, String(index))));
 qualitySelect.value = String(quality);
@@ -341,6 +430,7 @@ toggle.addEventListener("click", () => setPanel(toggle.getAttribute("aria-expand
 setPanel(innerWidth > 640);
 
 document.addEventListener("visibilitychange", () => {
+  drawing.setVisible(!document.hidden);
   if (document.hidden) {
     stream.send({ type: "no_frames" });
   } else {
@@ -358,8 +448,10 @@ addEventListener("resize", () => {
 
 setInterval(() => {
   const dropped = view.dropped > 0 ? `, ${view.dropped} overtaken` : "";
+  showPast();
   board.frames.textContent = `${view.framesPerSecond.toFixed(1)} /s`;
-  board.frames.title = `${view.canvas.width} × ${view.canvas.height}${dropped}`;
+  const shown = drawing.here ? drawing.canvas : view.canvas;
+  board.frames.title = `${shown.width} × ${shown.height}${dropped}`;
 }, 1000);
 
 stream.open(new URLSearchParams(location.search).get("world") ?? sessionStorage.getItem(OWN_WORLD_KEY));

@@ -3,10 +3,15 @@
 
 /** @import { ApiError, ClientMessage, Frame, Hello, Numbers, SceneSummary, ServerMessage, Status, WorldSummary } from "./types.js" */
 
+import { unixMs } from "./latency.js";
+
 /** The stream protocol that this page speaks. */
 export const PROTOCOL_VERSION = 1;
 
-const HEADER_BYTES = 48;
+/** Bytes of a frame's header by its version. */
+const HEADER_BYTES = [0, 48, 68];
+/** The frame header that this page asks for. */
+export const FRAME_HEADER_VERSION = 2;
 const MIMES = ["", "image/jpeg", "image/png", "image/webp"];
 const FIRST_RETRY_S = 1;
 const LAST_RETRY_S = 20;
@@ -75,7 +80,8 @@ export async function listScenes() {
  * @returns {Frame}
  */
 export function decodeFrame(buffer) {
-  if (buffer.byteLength < HEADER_BYTES) {
+  const arrived_unix_ms = unixMs();
+  if (buffer.byteLength < HEADER_BYTES[1]) {
     throw new RangeError(`a frame of ${buffer.byteLength} bytes is shorter than its header`);
   }
   const view = new DataView(buffer);
@@ -83,16 +89,18 @@ export function decodeFrame(buffer) {
   if (view.getUint32(0, true) !== 0x464b4c57) {
     throw new RangeError("a binary message does not start as a frame does");
   }
-  if (view.getUint16(4, true) !== 1) {
-    throw new RangeError(`frame header version ${view.getUint16(4, true)} is not known to this page`);
+  const version = view.getUint16(4, true);
+  if (version !== 1 && version !== 2) {
+    throw new RangeError(`frame header version ${version} is not known to this page`);
   }
+  const headerBytes = HEADER_BYTES[version];
   const mime = MIMES[view.getUint16(6, true)];
   if (!mime) {
     throw new RangeError(`frame format ${view.getUint16(6, true)} is not known to this page`);
   }
   const imageBytes = view.getUint32(44, true);
-  if (imageBytes !== buffer.byteLength - HEADER_BYTES) {
-    throw new RangeError(`a frame of ${imageBytes} bytes came with ${buffer.byteLength - HEADER_BYTES}`);
+  if (imageBytes !== buffer.byteLength - headerBytes) {
+    throw new RangeError(`a frame of ${imageBytes} bytes came with ${buffer.byteLength - headerBytes}`);
   }
   return {
     mime,
@@ -103,7 +111,17 @@ export function decodeFrame(buffer) {
     render_ms: view.getFloat32(32, true),
     encode_ms: view.getFloat32(36, true),
     sequence: view.getUint32(40, true),
-    image: new Uint8Array(buffer, HEADER_BYTES),
+    delivery:
+      version === 1
+        ? null
+        : {
+            sent_unix_ms: view.getFloat64(48, true),
+            age_ms: view.getFloat32(56, true),
+            wait_ms: view.getFloat32(60, true),
+            still: view.getUint16(64, true) === 1,
+          },
+    arrived_unix_ms,
+    image: new Uint8Array(buffer, headerBytes),
   };
 }
 

@@ -65,7 +65,7 @@ export type Command =
   | { command: "sun"; sun: Sun };
 
 export type ClientMessage =
-  | { type: "frames"; width: number; height: number; format: "jpeg" | "png" | "webp"; max_fps: number; camera: Camera | null }
+  | { type: "frames"; width: number; height: number; format: "jpeg" | "png" | "webp"; max_fps: number; camera: Camera | null; quality: "live" | "still" | "resting"; header: number }
   | { type: "no_frames" }
   | { type: "command"; command: Command };
 
@@ -79,6 +79,10 @@ export interface Frame {
   render_ms: number;
   encode_ms: number;
   sequence: number;
+  /** How it came to be sent when it was; null where the server speaks the first header only. */
+  delivery: { sent_unix_ms: number; age_ms: number; wait_ms: number; still: boolean } | null;
+  /** When it came, by this computer's clock. */
+  arrived_unix_ms: number;
   image: Uint8Array<ArrayBuffer>;
 }
 
@@ -91,3 +95,70 @@ export type Status =
   | { state: "connecting" }
   | { state: "live" }
   | { state: "lost"; retry_s: number; why: string };
+
+/** The kernels that draw pictures, as `GET /v1/shaders/view.json` gives them. */
+export interface ViewShaders {
+  modules: Record<string, { wgsl: string; bindings: { name: string; binding: number; kind: "uniform" | "read" | "write"; uniform?: string }[] }>;
+  kernels: Record<string, { module: string; entry: string; workgroup_size: [number, number, number] }>;
+  structs: Record<string, ShaderStruct>;
+  constants: Record<string, number>;
+}
+
+export interface ShaderStruct {
+  size_bytes: number;
+  members: { name: string; kind: string; offset_bytes: number; size_bytes: number }[];
+}
+
+/** What a world tells the kernels, as `GET /v1/worlds/{id}/scenery` gives it. */
+export interface Scenery {
+  uniforms: Record<"Air" | "SkyLightAsk" | "SunMarch" | "ViewFrame", Record<string, number | number[]>>;
+}
+
+/** A cloud that is drawn: extinction at cell centres, `[z][y][x]`, 1/m. */
+export interface Cloud {
+  cells: [number, number, number];
+  cell_size_m: [number, number, number];
+  extinction_per_m: Float32Array;
+  /** How far the cloudy air has moved east and north since the start, m. */
+  air_displacement_m: [number, number];
+}
+
+/** The header of a volume, see proto/PROTOCOL.md. */
+export interface VolumeHeader {
+  keyframe: boolean;
+  compressed: boolean;
+  view: number;
+  sequence: number;
+  /** Sequence of the keyframe that it builds on. */
+  base: number;
+  mip: number;
+  tick: number;
+  simulated_s: number;
+  published_unix_s: number;
+  encoded_unix_s: number;
+  /** Of the world's cells. */
+  cell_size_m: [number, number, number];
+  world_cells: [number, number, number];
+  region: { from: [number, number, number]; cells: [number, number, number] };
+  /** Cells of the volume itself. */
+  cells: [number, number, number];
+  brick: [number, number, number];
+  sun_direction: [number, number, number];
+  air_displacement_m: [number, number];
+  body_bytes: number;
+  raw_bytes: number;
+  channels: { name: string; bits: number; square: boolean; offset: number; scale: number }[];
+  /** Where the body begins. */
+  body_at: number;
+}
+
+/** A volume: the codes of each channel, `[z][y][x]`. */
+export interface VolumeField { header: VolumeHeader; codes: (Uint8Array | Uint16Array)[] }
+
+export interface VolumeSubscription {
+  channels: string[];
+  rate_hz: number;
+  bits: 8 | 16;
+  mip?: number;
+  compression: "none" | "deflate";
+}

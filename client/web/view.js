@@ -3,6 +3,8 @@
 
 /** @import { Camera, Frame } from "./types.js" */
 
+import { Flight, around, pivotDistance } from "./flight.js";
+
 /** Frame sizes on offer, pixels of a picture that is wider than high. */
 export const QUALITIES = [
   [320, 180],
@@ -51,7 +53,15 @@ export class SkyView {
     /** @type {number[]} times at which pictures were drawn */
     this.drawnMs = [];
     this.dropped = 0;
-    /** @type {((frame: Frame) => void) | null} */
+    /** @type {number | null} the tick of the server's picture */
+    this.shownTick = null;
+    /** Whether drags go around what is looked at instead of turning the view. */
+    this.orbits = false;
+    /** @type {number | null} how far away that is, as long as a drag lasts */
+    this.orbitDistance_m = null;
+    /** Whether the picture fills the window as it is: one that is drawn here does. */
+    this.fitsWindow = false;
+    /** @type {((frame: Frame, decode_ms: number) => void) | null} */
     this.onDrawn = null;
     this.listen();
   }
@@ -118,6 +128,7 @@ export class SkyView {
     while (this.waiting !== null) {
       const frame = this.waiting;
       this.waiting = null;
+      const began = performance.now();
       try {
         const bitmap = await createImageBitmap(new Blob([frame.image], { type: frame.mime }));
         if (this.canvas.width !== bitmap.width || this.canvas.height !== bitmap.height) {
@@ -126,8 +137,9 @@ export class SkyView {
         }
         this.context.drawImage(bitmap, 0, 0);
         bitmap.close();
+        this.shownTick = frame.tick;
         this.drawnMs.push(performance.now());
-        this.onDrawn?.(frame);
+        this.onDrawn?.(frame, performance.now() - began);
       } catch (error) {
         console.warn("a frame could not be decoded", error);
       }
@@ -140,16 +152,23 @@ export class SkyView {
     if (this.camera === null) {
       return;
     }
-    // The picture covers the window, so it may be higher than what is seen of it.
+    // The server's picture covers the window, so it may be higher than what is seen of it.
     const scale = Math.max(innerWidth / this.canvas.width, innerHeight / this.canvas.height);
-    const degreesPerPixel = this.camera.vertical_fov_deg / (this.canvas.height * scale);
+    const height = this.fitsWindow ? innerHeight : this.canvas.height * scale;
+    const degreesPerPixel = this.camera.vertical_fov_deg / height;
     // Near the zenith a turn of the azimuth moves the picture less; follow the finger, within reason.
     const spread = Math.max(0.2, Math.cos((this.camera.elevation_deg * Math.PI) / 180));
-    this.setCamera({
-      ...this.camera,
-      azimuth_deg: this.camera.azimuth_deg - (dx * degreesPerPixel) / spread,
-      elevation_deg: this.camera.elevation_deg + dy * degreesPerPixel,
-    });
+    const azimuth_deg = this.camera.azimuth_deg - (dx * degreesPerPixel) / spread;
+    const elevation_deg = this.camera.elevation_deg + dy * degreesPerPixel;
+    if (this.orbits) {
+      // A third of a turn for a width of the window: what is looked at stays in the middle.
+      this.orbitDistance_m ??= pivotDistance(this.camera);
+      const turn = 120 / innerWidth;
+      const { azimuth_deg: a, elevation_deg: e } = this.camera;
+      this.setCamera(around(this.camera, a + dx * turn, e - dy * turn, this.orbitDistance_m));
+    } else {
+      this.setCamera({ ...this.camera, azimuth_deg, elevation_deg });
+    }
   }
 
   /** @param {number} factor above 1 widens the angle of view */
@@ -165,6 +184,7 @@ export class SkyView {
       canvas.setPointerCapture(event.pointerId);
       this.pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
       canvas.classList.add("dragging");
+      this.orbitDistance_m = null;
     });
     canvas.addEventListener("pointermove", (event) => {
       const before = this.pointers.get(event.pointerId);
@@ -199,6 +219,7 @@ export class SkyView {
       { passive: false },
     );
     canvas.addEventListener("keydown", (event) => this.key(event));
+    this.flight = new Flight(canvas, () => this.camera, (camera) => this.setCamera(camera));
   }
 
   /** Distance of two fingers in pixels; null unless there are two. */

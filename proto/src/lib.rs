@@ -9,6 +9,7 @@
 pub mod camera;
 pub mod channel;
 pub mod error;
+pub mod frame;
 pub mod geography;
 pub mod presets;
 pub mod report;
@@ -17,6 +18,7 @@ pub mod scene;
 pub mod sounding;
 pub mod time;
 pub mod validate;
+pub mod view;
 pub mod volume;
 pub mod wire;
 

@@ -4,6 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
+pub use crate::frame::*;
 use crate::scene::{Effects, Sun};
 
 /// Version of the stream protocol; the server says it in [`ServerMessage::Hello`].
@@ -134,19 +135,6 @@ pub enum Command {
     },
 }
 
-/// How a frame's bytes are coded.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum FrameFormat {
-    /// Small, lossy.
-    #[default]
-    Jpeg,
-    /// Lossless.
-    Png,
-    /// Lossless, smaller, slower.
-    Webp,
-}
-
 /// What a client may send over `/v1/worlds/{id}/stream`, as text.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
@@ -165,6 +153,12 @@ pub enum ClientMessage {
         /// Point of view; absent, the scene's.
         #[serde(default)]
         camera: Option<Camera>,
+        /// How much a picture may cost.
+        #[serde(default)]
+        quality: FrameQuality,
+        /// Version of the [`FrameHeader`] that the client reads: 1, or 2 with times and quality; absent, 1.
+        #[serde(default = "FrameHeader::first_version")]
+        header: u16,
     },
     /// No more frames.
     NoFrames {},
@@ -207,43 +201,6 @@ pub enum ServerMessage {
         /// What and why.
         error: crate::error::ApiError,
     },
-}
-
-/// The 48 bytes before a frame's coded image, little endian.
-///
-/// | bytes | what |
-/// |---|---|
-/// | 0..4 | `WLKF` |
-/// | 4..6 | header version, u16, 1 |
-/// | 6..8 | format, u16: 1 JPEG, 2 PNG, 3 WebP |
-/// | 8..12 | width, u32 |
-/// | 12..16 | height, u32 |
-/// | 16..24 | tick, u64 |
-/// | 24..32 | simulated seconds, f64 |
-/// | 32..36 | milliseconds to render, f32 |
-/// | 36..40 | milliseconds to encode, f32 |
-/// | 40..44 | sequence number of this stream's frames, u32 |
-/// | 44..48 | length of the image that follows, u32 |
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FrameHeader {
-    /// Coding of the image.
-    pub format: FrameFormat,
-    /// Pixels across.
-    pub width: u32,
-    /// Pixels down.
-    pub height: u32,
-    /// Tick that is shown.
-    pub tick: u64,
-    /// Simulated second that is shown.
-    pub simulated_s: f64,
-    /// Wall milliseconds to render.
-    pub render_ms: f32,
-    /// Wall milliseconds to encode.
-    pub encode_ms: f32,
-    /// Counts this stream's frames from 0.
-    pub sequence: u32,
-    /// Bytes of the image.
-    pub image_bytes: u32,
 }
 
 /// One world in a list.
@@ -296,6 +253,9 @@ pub struct RenderRequest {
     /// Point of view; absent, the scene's.
     #[serde(default)]
     pub camera: Option<Camera>,
+    /// Whether four rays a pixel are averaged, in four times the time.
+    #[serde(default)]
+    pub still: bool,
 }
 
 /// The plan of a world: what runs, why, and what it costs.
@@ -364,112 +324,4 @@ pub struct FieldReport {
     pub unit: String,
     /// Bytes allocated.
     pub bytes: u64,
-}
-
-/// Bytes of a [`FrameHeader`].
-pub const FRAME_HEADER_BYTES: usize = 48;
-/// Version of the frame header that this build reads and writes.
-pub const FRAME_HEADER_VERSION: u16 = 1;
-/// Longest side of a frame, pixels.
-pub const FRAME_SIDE_MAX: u32 = 16_384;
-
-const FRAME_MAGIC: [u8; 4] = *b"WLKF";
-
-/// `N` bytes of a header from `from`; the header is longer than any such place.
-fn bytes_at<const N: usize>(header: &[u8; FRAME_HEADER_BYTES], from: usize) -> [u8; N] {
-    std::array::from_fn(|i| header[from + i])
-}
-
-impl FrameHeader {
-    /// The header's 48 bytes, as the table above says.
-    pub fn encode(&self) -> [u8; FRAME_HEADER_BYTES] {
-        let format: u16 = match self.format {
-            FrameFormat::Jpeg => 1,
-            FrameFormat::Png => 2,
-            FrameFormat::Webp => 3,
-        };
-        let mut bytes = [0; FRAME_HEADER_BYTES];
-        bytes[0..4].copy_from_slice(&FRAME_MAGIC);
-        bytes[4..6].copy_from_slice(&FRAME_HEADER_VERSION.to_le_bytes());
-        bytes[6..8].copy_from_slice(&format.to_le_bytes());
-        bytes[8..12].copy_from_slice(&self.width.to_le_bytes());
-        bytes[12..16].copy_from_slice(&self.height.to_le_bytes());
-        bytes[16..24].copy_from_slice(&self.tick.to_le_bytes());
-        bytes[24..32].copy_from_slice(&self.simulated_s.to_le_bytes());
-        bytes[32..36].copy_from_slice(&self.render_ms.to_le_bytes());
-        bytes[36..40].copy_from_slice(&self.encode_ms.to_le_bytes());
-        bytes[40..44].copy_from_slice(&self.sequence.to_le_bytes());
-        bytes[44..48].copy_from_slice(&self.image_bytes.to_le_bytes());
-        bytes
-    }
-
-    /// Reads a header and finds the image behind it, trusting nothing: `message` is one whole binary message.
-    ///
-    /// Errors, all with code `bad_frame`: too short, another magic or version, an unknown format, a side of 0 or above
-    /// [`FRAME_SIDE_MAX`], a time that is not finite or is negative, no image, or one shorter or longer than the header says.
-    pub fn decode(message: &[u8]) -> Result<(FrameHeader, &[u8]), crate::error::ApiError> {
-        let bad = |why: String| crate::error::ApiError::new("bad_frame", why);
-        let Some((header, image)) = message.split_first_chunk::<FRAME_HEADER_BYTES>() else {
-            let length = message.len();
-            return Err(bad(format!(
-                "{length} bytes are too few: a header has {FRAME_HEADER_BYTES}"
-            )));
-        };
-        if bytes_at::<4>(header, 0) != FRAME_MAGIC {
-            return Err(bad("a frame begins with `WLKF`".to_owned()));
-        }
-        let version = u16::from_le_bytes(bytes_at(header, 4));
-        if version != FRAME_HEADER_VERSION {
-            return Err(bad(format!(
-                "header version {version} is unknown; this build reads {FRAME_HEADER_VERSION}"
-            )));
-        }
-        let format = match u16::from_le_bytes(bytes_at(header, 6)) {
-            1 => FrameFormat::Jpeg,
-            2 => FrameFormat::Png,
-            3 => FrameFormat::Webp,
-            other => {
-                return Err(bad(format!(
-                    "format {other} is unknown; known are 1 JPEG, 2 PNG, 3 WebP"
-                )));
-            }
-        };
-        let decoded = FrameHeader {
-            format,
-            width: u32::from_le_bytes(bytes_at(header, 8)),
-            height: u32::from_le_bytes(bytes_at(header, 12)),
-            tick: u64::from_le_bytes(bytes_at(header, 16)),
-            simulated_s: f64::from_le_bytes(bytes_at(header, 24)),
-            render_ms: f32::from_le_bytes(bytes_at(header, 32)),
-            encode_ms: f32::from_le_bytes(bytes_at(header, 36)),
-            sequence: u32::from_le_bytes(bytes_at(header, 40)),
-            image_bytes: u32::from_le_bytes(bytes_at(header, 44)),
-        };
-        let FrameHeader {
-            width,
-            height,
-            image_bytes,
-            ..
-        } = decoded;
-        if !(1..=FRAME_SIDE_MAX).contains(&width) || !(1..=FRAME_SIDE_MAX).contains(&height) {
-            return Err(bad(format!(
-                "{width} x {height} pixels; a side has 1 to {FRAME_SIDE_MAX}"
-            )));
-        }
-        let times = [
-            decoded.simulated_s,
-            f64::from(decoded.render_ms),
-            f64::from(decoded.encode_ms),
-        ];
-        if let Some(time) = times.into_iter().find(|time| !time.is_finite() || *time < 0.0) {
-            return Err(bad(format!("a time of {time} is neither finite nor positive")));
-        }
-        if image.is_empty() || u64::from(image_bytes) != image.len() as u64 {
-            return Err(bad(format!(
-                "the header says {image_bytes} bytes of image, {} follow it",
-                image.len()
-            )));
-        }
-        Ok((decoded, image))
-    }
 }

@@ -15,7 +15,7 @@ use welkin_proto::{ApiError, presets};
 use welkin_shaders::gpu;
 
 use crate::cli::DeviceFlag;
-use crate::host::renderer::{FrameRequest, RenderService};
+use crate::host::renderer::{FrameRequest, RenderService, Viewer};
 use crate::host::{Host, View};
 use crate::machine::{Compute, Machine, gpu_failure};
 
@@ -235,7 +235,7 @@ fn measure(options: &BenchOptions) -> Result<Report, BenchError> {
     let host = Host::spawn("bench", scene.clone(), machine)?;
     let view = host.view();
     let renderer =
-        RenderService::start(compute).map_err(|e| BenchError::System("cannot start the render thread", e))?;
+        RenderService::start(compute, 1.0).map_err(|e| BenchError::System("cannot start the render thread", e))?;
     view.command(WorldCommand::TimeScale { time_scale: 1000.0 })?;
     let from_s = options.after.unwrap_or(scene.time.spin_up_s);
     eprintln!("running the scene to simulated second {from_s}");
@@ -396,8 +396,9 @@ fn frames(
             height,
             format: FrameFormat::Jpeg,
             camera,
+            still: false,
         };
-        let ticket = renderer.request(view, request, 1)?;
+        let ticket = renderer.request(Viewer::SNAPSHOTS, view, request, 1)?;
         let frame = ticket
             .answer
             .blocking_recv()

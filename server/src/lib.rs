@@ -18,6 +18,7 @@ pub mod picture;
 pub mod plan;
 pub mod plot;
 pub mod sample;
+pub mod scenery;
 pub mod sun;
 pub mod validate;
 pub mod volume;

@@ -16,6 +16,10 @@ pub struct Limits {
     /// Most frames that wait for the renderer at once, over all viewers.
     #[arg(long = "max-queued-frames", value_name = "N", default_value_t = 256)]
     pub queued_frames_max: usize,
+    /// Share of the renderer's time that one viewer gets while others wait, 0.01 to 1; alone, a viewer gets all of it. Snapshots
+    /// over plain HTTP count as one viewer together.
+    #[arg(long = "viewer-share", value_name = "SHARE", default_value_t = 0.5, value_parser = share)]
+    pub viewer_share: f64,
     /// Most `POST /v1/render` jobs that run at once.
     #[arg(long = "max-renders", value_name = "N", default_value_t = 1)]
     pub renders_max: usize,
@@ -67,7 +71,7 @@ pub struct Limits {
     /// Most bytes of volumes a wall second for one subscriber.
     #[arg(long = "max-volume-bytes", value_name = "N", default_value_t = 2e7)]
     pub volume_bytes_per_s_max: f64,
-    /// Wall seconds that a stream's client may take to accept a message before it is dropped.
+    /// Wall seconds that a client may take to accept what it is sent, over HTTP or a stream, before it is dropped.
     #[arg(long = "stall-timeout", value_name = "SECONDS", default_value_t = 10.0)]
     pub stall_timeout_s: f64,
     /// Wall seconds after which a world that a visitor made and nobody has looked at since is stopped; 0 keeps it until it is
@@ -77,6 +81,15 @@ pub struct Limits {
     /// Most cells in a world; a cell costs about 200 bytes.
     #[arg(long = "max-cells", value_name = "N", default_value_t = 256 * 256 * 256)]
     pub cells_max: u64,
+}
+
+/// Reads a share. Errors: in words.
+fn share(text: &str) -> Result<f64, String> {
+    let share: f64 = text.parse().map_err(|e| format!("{e}"))?;
+    if (0.01..=1.0).contains(&share) {
+        return Ok(share);
+    }
+    Err("a share is 0.01 to 1".to_owned())
 }
 
 impl Limits {

@@ -1,5 +1,7 @@
 //! From a snapshot and a camera to coded pixels.
 
+mod supersampling;
+
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -15,6 +17,10 @@ use crate::world::Snapshot;
 
 /// Quality of JPEG pictures, 0 to 100.
 const JPEG_QUALITY: u8 = 85;
+/// The same of still pictures; from 90 on colours are coded as finely as brightness.
+const JPEG_QUALITY_STILL: u8 = 95;
+/// Rays along each side of a still picture's pixel.
+pub const STILL_RAYS_A_SIDE: u32 = 2;
 
 /// A rendered picture.
 pub struct Picture {
@@ -115,48 +121,27 @@ impl Renderer {
         &self.stages
     }
 
-    /// Renders `width * height` pixels from `camera`. Errors: `out_of_range` for a picture of no or absurdly many pixels
+    /// Renders `size` pixels from `camera`; `still` takes four rays a pixel. Errors: `out_of_range` for a picture of no or absurdly many pixels
     /// (callers set their own, lower limits); those of [`GpuError::code`](welkin_shaders::gpu::GpuError::code).
     pub fn render(
         &mut self,
         snapshot: &Snapshot,
         scene: &Scene,
         camera: &Camera,
-        width: u32,
-        height: u32,
+        size: [u32; 2],
+        still: bool,
     ) -> Result<Picture, ApiError> {
-        const PIXELS_MAX: u64 = 1 << 26;
-        if width == 0 || height == 0 || width as u64 * height as u64 > PIXELS_MAX {
+        const RAYS_MAX: u64 = 1 << 26;
+        let rays = if still { STILL_RAYS_A_SIDE } else { 1 };
+        let [width, height] = size.map(|pixels| pixels as u64 * rays as u64);
+        if width == 0 || height == 0 || width.saturating_mul(height) > RAYS_MAX {
             return Err(ApiError::new(
                 "out_of_range",
-                format!("a picture of {width}x{height} is not between 1 and {PIXELS_MAX} pixels"),
+                format!("a picture of {width}x{height} rays is not between 1 and {RAYS_MAX}"),
             ));
         }
         let begin = Instant::now();
-        let effects = &scene.effects;
-        let settings = ViewSettings {
-            camera_position_m: camera.position_m.map(|c| c as f32),
-            azimuth_deg: camera.azimuth_deg as f32,
-            elevation_deg: camera.elevation_deg as f32,
-            vertical_fov_deg: camera.vertical_fov_deg as f32,
-            exposure_ev: camera.exposure_ev as f32,
-            width: width as usize,
-            height: height as usize,
-            sun_direction: snapshot.sun_direction,
-            detail: effects.cloud_detail.as_ref().map(|d| Detail {
-                strength: d.strength as f32,
-                scale_m: d.scale_m as f32,
-            }),
-            multiple_scattering_octaves: effects.multiple_scattering.as_ref().map_or(0, |m| m.octaves),
-            ground: match scene.domain.ground {
-                scene::Ground::Land => Ground::Land,
-                scene::Ground::Sea => Ground::Sea,
-            },
-            cloud_shadow: effects.cloud_shadow.is_some(),
-            visibility_m: effects.aerial_perspective.as_ref().map(|a| a.visibility_m as f32),
-            seed: scene.seed,
-            surface_altitude_m: scene.domain.surface_altitude_m as f32,
-        };
+        let settings = settings(snapshot, scene, camera, [width as usize, height as usize]);
         let mut last = begin;
         let stages = &mut self.stages;
         let rgb8 = self
@@ -177,6 +162,12 @@ impl Renderer {
                     }),
                 }
             })?;
+        let rgb8 = if still {
+            supersampling::mean_of_four(&rgb8, size.map(|pixels| pixels as usize))
+        } else {
+            rgb8
+        };
+        let [width, height] = size;
         Ok(Picture {
             rgb8,
             width,
@@ -186,8 +177,36 @@ impl Renderer {
     }
 }
 
-/// Codes a picture. Errors: `internal` where an encoder fails, and `out_of_range` for a JPEG of more than 65,535 pixels a side.
-pub fn encode(picture: &Picture, format: FrameFormat) -> Result<Vec<u8>, ApiError> {
+/// What a picture of a snapshot is taken of and how: `size` is its rays.
+pub fn settings(snapshot: &Snapshot, scene: &Scene, camera: &Camera, [width, height]: [usize; 2]) -> ViewSettings {
+    let effects = &scene.effects;
+    ViewSettings {
+        camera_position_m: camera.position_m.map(|c| c as f32),
+        azimuth_deg: camera.azimuth_deg as f32,
+        elevation_deg: camera.elevation_deg as f32,
+        vertical_fov_deg: camera.vertical_fov_deg as f32,
+        exposure_ev: camera.exposure_ev as f32,
+        width,
+        height,
+        sun_direction: snapshot.sun_direction,
+        detail: effects.cloud_detail.as_ref().map(|d| Detail {
+            strength: d.strength as f32,
+            scale_m: d.scale_m as f32,
+        }),
+        multiple_scattering_octaves: effects.multiple_scattering.as_ref().map_or(0, |m| m.octaves),
+        ground: match scene.domain.ground {
+            scene::Ground::Land => Ground::Land,
+            scene::Ground::Sea => Ground::Sea,
+        },
+        cloud_shadow: effects.cloud_shadow.is_some(),
+        visibility_m: effects.aerial_perspective.as_ref().map(|a| a.visibility_m as f32),
+        seed: scene.seed,
+        surface_altitude_m: scene.domain.surface_altitude_m as f32,
+    }
+}
+
+/// Codes a picture; a `still` one as JPEG more finely. Errors: `internal` where an encoder fails, and `out_of_range` for a JPEG of more than 65,535 pixels a side.
+pub fn encode(picture: &Picture, format: FrameFormat, still: bool) -> Result<Vec<u8>, ApiError> {
     use image::ImageEncoder;
     use image::codecs::{png, webp};
     let failed = |e: image::ImageError| ApiError::new("internal", format!("the picture could not be coded: {e}"));
@@ -203,7 +222,8 @@ pub fn encode(picture: &Picture, format: FrameFormat) -> Result<Vec<u8>, ApiErro
                     )
                 })
             };
-            jpeg_encoder::Encoder::new(&mut bytes, JPEG_QUALITY)
+            let quality = if still { JPEG_QUALITY_STILL } else { JPEG_QUALITY };
+            jpeg_encoder::Encoder::new(&mut bytes, quality)
                 .encode(
                     &picture.rgb8,
                     side(picture.width)?,

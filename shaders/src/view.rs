@@ -12,16 +12,20 @@ use crate::cpu::view::tone_map;
 
 /// Diameter of droplets for the phase function, micrometres.
 const DROPLET_DIAMETER_UM: f32 = 18.0;
-/// Steps a unit in each component of the sun's direction that tables are made for.
-const SUN_DIRECTIONS: f32 = 1024.0;
-/// Lowest height of a camera above the ground, m.
-const CAMERA_LOWEST_M: f32 = 1.5;
-/// Greatest height of a camera, m.
-const CAMERA_HIGHEST_M: f32 = 60_000.0;
-/// Largest extinction that is drawn, 1/m.
-const EXTINCTION_MAX_PER_M: f32 = 10.0;
-/// A slab of more cells than this is not made finer.
-const FINER_CELLS_MAX: usize = 1 << 20;
+
+// Not used in WGSL, but by other hosts that run it.
+crate::constants! {
+    /// Steps a unit in each component of the sun's direction that tables are made for.
+    pub const SUN_DIRECTIONS: f32 = 1024.0;
+    /// Lowest height of a camera above the ground, m.
+    pub const CAMERA_LOWEST_M: f32 = 1.5;
+    /// Greatest height of a camera, m.
+    pub const CAMERA_HIGHEST_M: f32 = 60_000.0;
+    /// Largest extinction that is drawn, 1/m.
+    pub const EXTINCTION_MAX_PER_M: f32 = 10.0;
+    /// A slab of more cells than this is not made finer.
+    pub const FINER_CELLS_MAX: usize = 1 << 20;
+}
 
 /// Detail finer than the grid.
 #[derive(Clone, Copy, Debug, PartialEq)]

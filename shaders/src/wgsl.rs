@@ -38,6 +38,19 @@ pub struct Member {
     pub size: usize,
 }
 
+impl Member {
+    /// The numbers that it holds in a struct's bytes: one, or those of its vectors in order.
+    pub fn numbers(&self, bytes: &[u8]) -> Vec<f64> {
+        let own = bytes.get(self.offset..self.offset + self.size).unwrap_or_default();
+        let words = own.chunks_exact(4).map(|w| [w[0], w[1], w[2], w[3]]);
+        match self.kind {
+            kind if kind.contains("f32") => words.map(|w| f32::from_ne_bytes(w).into()).collect(),
+            kind if kind.contains("i32") => words.map(|w| i32::from_ne_bytes(w).into()).collect(),
+            _ => words.map(|w| u32::from_ne_bytes(w).into()).collect(),
+        }
+    }
+}
+
 /// A struct that both sides know.
 #[derive(Clone, Copy, Debug)]
 pub struct Layout {
@@ -117,6 +130,10 @@ macro_rules! gpu_struct {
         #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
         $vis struct $name { $($(#[$field_doc])* $field_vis $field: $kind,)* }
         impl $name {
+            /// Its bytes.
+            pub fn bytes(&self) -> &[u8] {
+                bytemuck::bytes_of(self)
+            }
             /// The struct as WGSL sees it.
             pub const LAYOUT: $crate::wgsl::Layout = $crate::wgsl::Layout {
                 name: stringify!($name),
@@ -159,6 +176,12 @@ impl Module {
 /// Finds a module by name.
 pub fn module(name: &str) -> Option<&'static Module> {
     crate::gpu::MODULES.iter().find(|m| m.name == name)
+}
+
+/// A module and those that it uses, in the order in which they stand in its text; none if a name is unknown.
+pub fn with_used(name: &str) -> Vec<&'static Module> {
+    let mut order = Vec::new();
+    collect(name, &mut order).map_or(Vec::new(), |()| order)
 }
 
 /// The whole text of a module: what it uses, the generated constants and structs, and the file itself. None if a name is unknown.

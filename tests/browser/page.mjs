@@ -163,6 +163,12 @@ try {
   // The rate is counted over three seconds.
   await new Promise((resolve) => setTimeout(resolve, 4000));
   console.error(`figure: ${await text(page, "#n-frames")} pictures at 640x360, ${await text(page, "#n-frame-ms")} a frame`);
+  const parts = ["tick", "wait", "render", "encode", "send", "decode", "whole"];
+  const latency = await until("every part of the latency is measured", async () => {
+    const texts = await Promise.all(parts.map((part) => text(page, `#latency-${part}`)));
+    return { ok: texts.every((t) => /^[\d.]+ ms$/.test(t ?? "")), texts };
+  });
+  console.error(`figure: latency ${parts.map((part, n) => `${part} ${latency.texts[n]}`).join(", ")}`);
   await until("spark lines are drawn", () =>
     page.locator("#n-tick-ms + canvas").evaluate((canvas) => {
       const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
@@ -170,6 +176,12 @@ try {
     }),
   );
   await page.screenshot({ path: `${outDir}/desktop.png`, timeout: STEP_LIMIT_MS });
+
+  // This browser is started without a GPU: the page says that the server draws, and why.
+  await until("the page says who draws", async () => {
+    const said = await text(page, "#drawn-by");
+    return { ok: /^Drawn by the server: .*WebGPU/.test(said ?? ""), said };
+  });
 
   // Looking around.
   const lookBefore = await text(page, "#look");

@@ -1,5 +1,5 @@
-//! The web page in a real browser against a real server: `page.mjs` drives a headless Chromium; this side finds the tools,
-//! runs the server, and takes it away and brings it back when the driver asks for that.
+//! The web page in a real browser against a real server: `page.mjs` and `local.mjs` drive a headless Chromium, without and with WebGPU; this side finds
+//! the tools, runs the server, and takes it away and brings it back when a driver asks for that.
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::SocketAddr;
@@ -30,11 +30,11 @@ struct Server {
 }
 
 impl Server {
-    async fn start(address: SocketAddr) -> Self {
+    async fn start(address: SocketAddr, scene: Scene) -> Self {
         let listener = TcpListener::bind(address).await.expect("the port is free");
         let address = listener.local_addr().expect("a bound listener has an address");
         let state = AppState::new(Limits::default(), None).expect("the server starts");
-        state.create_world(small_scene()).await.expect("the scene is good");
+        state.create_world(scene).await.expect("the scene is good");
         let (stop, stopped) = oneshot::channel();
         let worlds = state.clone();
         let stopping = async move {
@@ -125,11 +125,10 @@ impl Drop for Driver {
     }
 }
 
-#[test]
-fn the_page_shows_a_live_sky_and_survives_the_loss_of_its_server() {
-    let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("browser");
-    let (browser, node) = match tools(&here) {
-        Ok(tools) => tools,
+/// Chromium and node, or `None` after a loud skip. Fails where `WELKIN_REQUIRE` names `browser`.
+fn tools_or_skip(here: &Path) -> Option<(PathBuf, PathBuf)> {
+    match tools(here) {
+        Ok(tools) => Some(tools),
         Err(missing) => {
             let required = std::env::var("WELKIN_REQUIRE").unwrap_or_default();
             assert!(
@@ -141,17 +140,25 @@ fn the_page_shows_a_live_sky_and_survives_the_loss_of_its_server() {
                 std::io::stderr(),
                 "\n*** SKIP: the web page was NOT tested; missing: {missing}\n"
             );
-            return;
+            None
         }
+    }
+}
+
+/// Runs a driver against a server of its own; it must pass and leave these pictures.
+fn drive(script: &str, scene: &Scene, pictures: &[&str]) {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("browser");
+    let Some((browser, node)) = tools_or_skip(&here) else {
+        return;
     };
     let runtime = Runtime::new().expect("a runtime");
-    let mut server = Some(runtime.block_on(Server::start(([127, 0, 0, 1], 0).into())));
+    let mut server = Some(runtime.block_on(Server::start(([127, 0, 0, 1], 0).into(), scene.clone())));
     let address = server.as_ref().expect("it was started above").address;
 
     let out = Path::new(env!("CARGO_TARGET_TMPDIR")).join("browser");
     let mut driver = Driver(
         Command::new(node)
-            .arg(here.join("page.mjs"))
+            .arg(here.join(script))
             .arg(format!("http://{address}"))
             .arg(&out)
             .env("WELKIN_CHROMIUM", browser)
@@ -186,7 +193,7 @@ fn the_page_shows_a_live_sky_and_survives_the_loss_of_its_server() {
                 writeln!(to_driver, "STOPPED").expect("the driver listens");
             }
             "START" => {
-                server = Some(runtime.block_on(Server::start(address)));
+                server = Some(runtime.block_on(Server::start(address, scene.clone())));
                 writeln!(to_driver, "STARTED").expect("the driver listens");
             }
             "STRIKE" => {
@@ -206,14 +213,51 @@ fn the_page_shows_a_live_sky_and_survives_the_loss_of_its_server() {
     if let Some(running) = server.take() {
         runtime.block_on(running.stop());
     }
-    for picture in [
-        "desktop.png",
-        "lost.png",
-        "degraded.png",
-        "phone.png",
-        "phone-panel.png",
-    ] {
+    for picture in pictures {
         let bytes = std::fs::metadata(out.join(picture)).map(|m| m.len()).unwrap_or(0);
-        assert!(bytes > 10_000, "{picture} has {bytes} bytes");
+        assert!(bytes > 5_000, "{picture} has {bytes} bytes");
     }
+}
+
+#[test]
+fn the_page_shows_a_live_sky_and_survives_the_loss_of_its_server() {
+    drive(
+        "page.mjs",
+        &small_scene(),
+        &[
+            "desktop.png",
+            "lost.png",
+            "degraded.png",
+            "phone.png",
+            "phone-panel.png",
+        ],
+    );
+}
+
+#[test]
+fn the_page_draws_the_same_sky_itself() {
+    let mut scene = small_scene();
+    // Forty minutes in long ticks: clouds are there after some seconds.
+    scene.time.spin_up_s = 2400.0;
+    scene.time.tick_s = 20.0;
+    scene.time.time_scale = 40.0;
+    drive("local.mjs", &scene, &["here.png", "server.png", "window.png"]);
+}
+
+/// The page's decoder of volumes on the vectors of the protocol.
+#[test]
+fn the_page_reads_volumes_as_the_protocol_says() {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("browser");
+    let Some((_, node)) = tools_or_skip(&here) else {
+        return;
+    };
+    let vectors = here.with_file_name("fixtures").join("volume");
+    let read = Command::new(node)
+        .arg(here.join("volume.mjs"))
+        .arg(&vectors)
+        .output()
+        .expect("node starts");
+    let said = String::from_utf8_lossy(&read.stdout).into_owned();
+    let complaints = String::from_utf8_lossy(&read.stderr).into_owned();
+    assert!(read.status.success() && said.contains("PASSED"), "{said}{complaints}");
 }

@@ -12,7 +12,7 @@ use tokio_tungstenite::tungstenite::Message;
 use welkin_client::{ClientError, Event, Events, FrameWish, Next, Options, ServerUrl, connect, get_json, list_worlds};
 use welkin_proto::camera::Camera;
 use welkin_proto::presets;
-use welkin_proto::wire::{ClientMessage, FrameFormat, FrameHeader, Numbers, ServerMessage};
+use welkin_proto::wire::{ClientMessage, FrameFormat, FrameHeader, FrameQuality, Numbers, ServerMessage};
 use welkin_server::http::{AppState, serve};
 use welkin_server::limits::Limits;
 
@@ -171,6 +171,8 @@ async fn a_lost_stream_comes_back_and_asks_for_its_pictures_again() {
             format: FrameFormat::Webp,
             max_fps: 1.0,
             camera: None,
+            quality: FrameQuality::Live,
+            header: 2,
         };
         assert_eq!(asked, wanted);
         let header = FrameHeader {
@@ -183,8 +185,9 @@ async fn a_lost_stream_comes_back_and_asks_for_its_pictures_again() {
             encode_ms: 1.0,
             sequence: round,
             image_bytes: 3,
+            delivery: None,
         };
-        let mut bytes = header.encode().to_vec();
+        let mut bytes = header.encode();
         bytes.extend(b"abc");
         socket
             .send(text(&ServerMessage::Tick {

@@ -1,6 +1,8 @@
 //! The frame header: there and back, and bytes that a stranger would send.
 
-use welkin_proto::wire::{FRAME_HEADER_BYTES, FRAME_SIDE_MAX, FrameFormat, FrameHeader};
+use welkin_proto::wire::{
+    FRAME_HEADER_2_BYTES, FRAME_HEADER_BYTES, FRAME_SIDE_MAX, FrameDelivery, FrameFormat, FrameHeader,
+};
 
 fn header(image: &[u8]) -> FrameHeader {
     FrameHeader {
@@ -13,6 +15,19 @@ fn header(image: &[u8]) -> FrameHeader {
         encode_ms: 3.25,
         sequence: 0xDEAD_BEEF,
         image_bytes: u32::try_from(image.len()).expect("a small image"),
+        delivery: None,
+    }
+}
+
+fn second(image: &[u8]) -> FrameHeader {
+    FrameHeader {
+        delivery: Some(FrameDelivery {
+            sent_unix_ms: 1_795_338_000_123.5,
+            age_ms: 96.5,
+            wait_ms: 20.25,
+            still: true,
+        }),
+        ..header(image)
     }
 }
 
@@ -39,6 +54,24 @@ fn there_and_back() {
         assert_eq!(read, sent);
         assert_eq!(image, b"image");
     }
+    let bytes = message(&second(b"image"), b"image");
+    assert_eq!(bytes.len(), FRAME_HEADER_2_BYTES + 5);
+    assert_eq!(
+        FrameHeader::decode(&bytes).expect("our own bytes"),
+        (second(b"image"), b"image".as_slice())
+    );
+}
+
+#[test]
+fn the_second_version_goes_on_where_the_first_ends() {
+    let (first, second) = (header(b"image").encode(), second(b"image").encode());
+    assert_eq!((first.len(), second.len()), (FRAME_HEADER_BYTES, FRAME_HEADER_2_BYTES));
+    assert_eq!(second[4..6], [2, 0]);
+    assert_eq!(second[6..48], first[6..48]);
+    assert_eq!(second[48..56], 1_795_338_000_123.5_f64.to_le_bytes());
+    assert_eq!(second[56..60], 96.5_f32.to_le_bytes());
+    assert_eq!(second[60..64], 20.25_f32.to_le_bytes());
+    assert_eq!(second[64..68], [1, 0, 0, 0]);
 }
 
 #[test]
@@ -56,15 +89,17 @@ fn the_bytes_lie_where_the_table_says() {
 
 #[test]
 fn truncated_anywhere() {
-    let whole = message(&header(b"image"), b"image");
-    for length in 0..whole.len() {
-        assert_eq!(
-            FrameHeader::decode(&whole[..length]).expect_err("cut").code,
-            "bad_frame",
-            "{length} bytes"
-        );
+    for header in [header(b"image"), second(b"image")] {
+        let whole = message(&header, b"image");
+        for length in 0..whole.len() {
+            assert_eq!(
+                FrameHeader::decode(&whole[..length]).expect_err("cut").code,
+                "bad_frame",
+                "{length} bytes"
+            );
+        }
+        refused(&[whole.as_slice(), b"x"].concat(), "follow");
     }
-    refused(&[whole.as_slice(), b"x"].concat(), "follow");
     refused(&message(&header(b""), b""), "follow");
 }
 
@@ -77,7 +112,9 @@ fn forged() {
         bytes
     };
     refused(&forged(0, b"RIFF"), "WLKF");
-    refused(&forged(4, &2_u16.to_le_bytes()), "version");
+    refused(&forged(4, &3_u16.to_le_bytes()), "version");
+    refused(&forged(4, &0_u16.to_le_bytes()), "version");
+    refused(&forged(4, &2_u16.to_le_bytes()), "too few");
     refused(&forged(6, &0_u16.to_le_bytes()), "format");
     refused(&forged(6, &4_u16.to_le_bytes()), "format");
     refused(&forged(8, &0_u32.to_le_bytes()), "pixels");
@@ -88,4 +125,13 @@ fn forged() {
     refused(&forged(36, &f32::NAN.to_le_bytes()), "time");
     refused(&forged(44, &u32::MAX.to_le_bytes()), "follow");
     refused(&[0xFF; 64], "WLKF");
+    let second = |place: usize, value: &[u8]| {
+        let mut bytes = message(&second(b"image"), b"image");
+        bytes[place..place + value.len()].copy_from_slice(value);
+        bytes
+    };
+    refused(&second(48, &f64::NAN.to_le_bytes()), "time");
+    refused(&second(56, &(-1.0_f32).to_le_bytes()), "time");
+    refused(&second(60, &f32::INFINITY.to_le_bytes()), "time");
+    refused(&second(64, &2_u16.to_le_bytes()), "quality");
 }

@@ -62,7 +62,7 @@ async fn a_picture_from_volumes_is_the_servers_own() {
         let snapshot = live_sky::snapshot(&field, small.clone()).unwrap();
         let mut renderer = Renderer::new(&Compute::Cpu);
         let ours = renderer
-            .render(&snapshot, &snapshot.scene, &small.camera, 160, 120)
+            .render(&snapshot, &snapshot.scene, &small.camera, [160, 120], false)
             .unwrap();
         let differences: Vec<f64> = ours
             .rgb8
@@ -92,7 +92,7 @@ async fn a_picture_from_volumes_is_the_servers_own() {
     let mut clear = live_sky::snapshot(&field, small.clone()).unwrap();
     clear.volume = None;
     let without = Renderer::new(&Compute::Cpu)
-        .render(&clear, &clear.scene, &small.camera, 160, 120)
+        .render(&clear, &clear.scene, &small.camera, [160, 120], false)
         .unwrap();
     let changed = without
         .rgb8

@@ -705,7 +705,7 @@ fn the_servers_renderer_draws_on_the_gpu() {
     let compute = Compute::choose("gpu").unwrap();
     let mut gpu = Renderer::new(&compute);
     let mut cpu = Renderer::new(&Compute::Cpu);
-    let draw = |renderer: &mut Renderer| renderer.render(&snapshot, world.scene(), &camera, 64, 36);
+    let draw = |renderer: &mut Renderer| renderer.render(&snapshot, world.scene(), &camera, [64, 36], false);
     let wanted = draw(&mut cpu).unwrap().rgb8;
     let near = |drawn: &[u8]| {
         let far = drawn.iter().zip(&wanted).filter(|(a, b)| a.abs_diff(**b) > 1).count();

@@ -1,7 +1,8 @@
 //! All WGSL, judged without a device: it parses, it is valid, and every shared struct lies in memory as in Rust.
 
 use naga::valid::{Capabilities, ValidationFlags, Validator};
-use welkin_shaders::gpu::MODULES;
+use welkin_shaders::gpu::view_kernels::{VIEW_KERNELS, VIEW_STRUCTS, reflect};
+use welkin_shaders::gpu::{Bind, MODULES};
 use welkin_shaders::wgsl;
 
 fn parsed(name: &str) -> naga::Module {
@@ -120,6 +121,30 @@ fn structs_lie_in_memory_as_in_rust() {
         }
     }
     assert!(unchecked.is_empty(), "no stage knows {unchecked:?}");
+}
+
+/// What is told to those who compile the view's kernels elsewhere is what the kernels say of themselves.
+#[test]
+fn kernels_of_the_view_bind_what_their_list_says() {
+    for kernel in VIEW_KERNELS {
+        let source = wgsl::source(kernel.module).unwrap();
+        let said = reflect(&source).unwrap();
+        assert!(said.entries.iter().any(|(name, _)| name == kernel.entry), "{kernel:?}");
+        let binds: Vec<Bind> = said.bindings.iter().map(|b| b.bind).collect();
+        assert_eq!(binds, kernel.binds, "{}", kernel.name);
+        for (n, binding) in said.bindings.iter().enumerate() {
+            assert_eq!(binding.binding, n as u32, "{}", kernel.name);
+            if let Some(uniform) = &binding.uniform {
+                assert!(
+                    VIEW_STRUCTS.iter().any(|s| s.name == uniform),
+                    "{} is in no list",
+                    uniform
+                );
+            }
+        }
+        let storage = binds.iter().filter(|b| **b != Bind::Uniform).count();
+        assert!(storage <= 8, "{} binds {storage} storage buffers", kernel.name);
+    }
 }
 
 #[test]

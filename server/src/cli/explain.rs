@@ -37,7 +37,7 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
     let mut plan = world.plan_report();
     if options.ticks > 0 {
         let scene = world.scene();
-        renderer.render(&world.snapshot(), scene, &scene.camera, 640, 360)?;
+        renderer.render(&world.snapshot(), scene, &scene.camera, [640, 360], false)?;
         picture::put_times(&mut plan, renderer.times());
     }
     let text = if options.json {

@@ -65,6 +65,9 @@ pub(super) struct Options {
     /// Of a live world: fetch its cloud coarser by 2^mip along each edge.
     #[arg(long, value_name = "0..6", default_value_t = 0, conflicts_with_all = ["at", "sounding"])]
     mip: u8,
+    /// Four rays a pixel, in four times the time.
+    #[arg(long)]
+    still: bool,
     #[command(flatten)]
     flags: SceneFlags,
 }
@@ -113,8 +116,8 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
     let simulate_s = began.elapsed().as_secs_f64();
     let snapshot = world.snapshot();
     let [width, height] = options.size;
-    let picture = renderer.render(&snapshot, world.scene(), &camera, width, height)?;
-    write_file(&options.output, &picture::encode(&picture, format)?)?;
+    let picture = renderer.render(&snapshot, world.scene(), &camera, options.size, options.still)?;
+    write_file(&options.output, &picture::encode(&picture, format, options.still)?)?;
     print_line(&format!(
         "{}: {width}x{height} at simulated second {:.0}; simulated in {simulate_s:.1} s, rendered in {:.0} ms",
         options.output.display(),
@@ -157,8 +160,9 @@ fn live(options: &Options, format: FrameFormat) -> Result<Outcome, Failure> {
     let snapshot = live_sky::snapshot(&field, world.scene)?;
     let machine = options.flags.machine()?;
     let [width, height] = options.size;
-    let picture = Renderer::new(&machine.compute).render(&snapshot, &snapshot.scene, &camera, width, height)?;
-    write_file(&options.output, &picture::encode(&picture, format)?)?;
+    let picture =
+        Renderer::new(&machine.compute).render(&snapshot, &snapshot.scene, &camera, options.size, options.still)?;
+    write_file(&options.output, &picture::encode(&picture, format, options.still)?)?;
     print_line(&format!(
         "{}: {width}x{height} of world {} at simulated second {:.0}, drawn here in {:.0} ms",
         options.output.display(),

@@ -3,12 +3,16 @@
 //! The queue is bounded by design: a viewer waits for its answer before it asks again, and asking again while it waits
 //! replaces what it asked for. Viewers who want the same picture share one, and a picture is taken of the newest state
 //! at the moment when its turn comes, not of the state when it was asked for.
+//!
+//! Turns are taken in order, but a viewer whose picture took long rests for a while that is as long as its share of the time
+//! asks for. Rests count only while somebody else waits: the thread never idles for them.
 
 use std::collections::{HashMap, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use tokio::sync::oneshot;
 use welkin_proto::wire::FrameFormat;
@@ -34,6 +38,17 @@ pub struct FrameRequest {
     pub format: FrameFormat,
     /// Point of view.
     pub camera: Camera,
+    /// Four rays a pixel and finer coding.
+    pub still: bool,
+}
+
+/// Who asks: tells viewers apart, so that the renderer's time can be shared among them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Viewer(u64);
+
+impl Viewer {
+    /// All who ask for single pictures, together.
+    pub const SNAPSHOTS: Viewer = Viewer(0);
 }
 
 /// A coded picture.
@@ -47,6 +62,8 @@ pub struct Frame {
     pub tick: u64,
     /// The simulated second that is shown.
     pub simulated_s: f64,
+    /// When that publication was made.
+    pub published_at: Instant,
     /// Wall milliseconds to render.
     pub render_ms: f64,
     /// Wall milliseconds to encode.
@@ -71,6 +88,9 @@ pub struct RenderService {
 struct Shared {
     queue: Mutex<Queue>,
     wake: Condvar,
+    viewers: AtomicU64,
+    /// Of the render thread's time, for one viewer while others wait.
+    viewer_share: f64,
 }
 
 #[derive(Default)]
@@ -78,14 +98,31 @@ struct Queue {
     jobs: VecDeque<Job>,
     next_job: u64,
     forgotten: Vec<Arc<str>>,
+    /// Until when those rest whose pictures took long.
+    rests: HashMap<Viewer, Instant>,
     stop: bool,
+}
+
+impl Queue {
+    /// The first job of a viewer who does not rest; where all rest, the one whose rest ends first.
+    fn next(&mut self, now: Instant) -> Option<Job> {
+        self.rests.retain(|_, until| *until > now);
+        let rest = |job: &Job| job.waiters.iter().map(|w| self.rests.get(&w.viewer)).min().flatten();
+        let next = (0..self.jobs.len()).min_by_key(|n| self.jobs.get(*n).and_then(rest))?;
+        self.jobs.remove(next)
+    }
 }
 
 struct Job {
     id: u64,
     world: View,
     request: FrameRequest,
-    waiters: Vec<oneshot::Sender<Result<Arc<Frame>, ApiError>>>,
+    waiters: Vec<Waiter>,
+}
+
+struct Waiter {
+    viewer: Viewer,
+    sender: oneshot::Sender<Result<Arc<Frame>, ApiError>>,
 }
 
 impl Shared {
@@ -95,13 +132,15 @@ impl Shared {
 }
 
 impl RenderService {
-    /// Starts the render thread, which draws on `compute`.
+    /// Starts the render thread, which draws on `compute` and gives a viewer `viewer_share` of its time, 0.01 to 1, while others wait.
     ///
     /// Errors: those of the operating system.
-    pub fn start(compute: Compute) -> std::io::Result<Self> {
+    pub fn start(compute: Compute, viewer_share: f64) -> std::io::Result<Self> {
         let shared = Arc::new(Shared {
             queue: Mutex::new(Queue::default()),
             wake: Condvar::new(),
+            viewers: AtomicU64::new(1),
+            viewer_share: viewer_share.clamp(0.01, 1.0),
         });
         let theirs = shared.clone();
         let thread = std::thread::Builder::new()
@@ -113,11 +152,23 @@ impl RenderService {
         })
     }
 
-    /// Queues a frame; one that is the same as a waiting one is shared with it.
+    /// A viewer apart from all others.
+    pub fn viewer(&self) -> Viewer {
+        Viewer(self.shared.viewers.fetch_add(1, Ordering::Relaxed))
+    }
+
+    /// Queues a frame; one that is the same as a waiting one is shared with it, and so is its cost.
     ///
     /// Errors: `busy` where `queued_max` frames wait already.
-    pub fn request(&self, world: &View, request: FrameRequest, queued_max: usize) -> Result<Ticket, ApiError> {
-        let (waiter, answer) = oneshot::channel();
+    pub fn request(
+        &self,
+        viewer: Viewer,
+        world: &View,
+        request: FrameRequest,
+        queued_max: usize,
+    ) -> Result<Ticket, ApiError> {
+        let (sender, answer) = oneshot::channel();
+        let waiter = Waiter { viewer, sender };
         let mut queue = self.shared.lock();
         if let Some(job) = queue
             .jobs
@@ -181,6 +232,7 @@ struct PictureKey {
     revision: u64,
     camera: Camera,
     size: [u32; 2],
+    still: bool,
 }
 
 impl PictureKey {
@@ -189,6 +241,7 @@ impl PictureKey {
             && self.revision == revision
             && self.size == [request.width, request.height]
             && self.camera == request.camera
+            && self.still == request.still
     }
 }
 
@@ -216,22 +269,32 @@ fn render_loop(shared: &Shared, compute: Compute) {
             if queue.stop {
                 return;
             }
-            match queue.jobs.pop_front() {
+            match queue.next(Instant::now()) {
                 Some(job) => break job,
                 None => queue = shared.wake.wait(queue).unwrap_or_else(PoisonError::into_inner),
             }
         };
         drop(queue);
-        if job.waiters.iter().all(oneshot::Sender::is_closed) {
+        if job.waiters.iter().all(|w| w.sender.is_closed()) {
             continue; // every viewer has left
         }
+        let began = Instant::now();
         let frame = catch_unwind(AssertUnwindSafe(|| kept.frame(&job.world, &job.request))).unwrap_or_else(|_| {
             tracing::error!(world = %job.world.id, request = ?job.request, "the renderer panicked");
             kept.forget(&job.world.id);
             Err(ApiError::new("internal", "the frame could not be rendered"))
         });
+        let own = began.elapsed().div_f64(job.waiters.len() as f64);
+        let rest = own.mul_f64(1.0 / shared.viewer_share - 1.0);
+        let now = Instant::now();
+        if rest > Duration::ZERO {
+            let mut queue = shared.lock();
+            for waiter in &job.waiters {
+                queue.rests.insert(waiter.viewer, now + rest);
+            }
+        }
         for waiter in job.waiters {
-            let _ = waiter.send(frame.clone()); // a viewer who has left needs nothing
+            let _ = waiter.sender.send(frame.clone()); // a viewer who has left needs nothing
         }
     }
 }
@@ -251,6 +314,7 @@ impl Kept {
             revision,
             camera: request.camera.clone(),
             size: [request.width, request.height],
+            still: request.still,
         };
         let same = |(k, format, _): &&(PictureKey, FrameFormat, Arc<Frame>)| {
             *format == request.format && k.is(world, revision, request)
@@ -269,8 +333,8 @@ impl Kept {
                     &published.snapshot,
                     &published.snapshot.scene,
                     &request.camera,
-                    request.width,
-                    request.height,
+                    [request.width, request.height],
+                    request.still,
                 )?);
                 world.set_frame_ms(picture.render_ms);
                 world.set_view_times(renderer.times());
@@ -279,11 +343,12 @@ impl Kept {
             }
         };
         let began = Instant::now();
-        let bytes = picture::encode(&picture, request.format)?;
+        let bytes = picture::encode(&picture, request.format, request.still)?;
         let numbers = &published.snapshot.numbers;
         let frame = Arc::new(Frame {
             request: request.clone(),
             revision,
+            published_at: published.at,
             tick: numbers.tick,
             simulated_s: numbers.simulated_s,
             render_ms: picture.render_ms,

@@ -9,6 +9,7 @@ use welkin_proto::wire::HealthState;
 
 use super::route::Route;
 use super::state::AppState;
+use super::viewing;
 
 /// The server's health.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -21,6 +22,8 @@ pub struct Health {
     pub devices: Vec<String>,
     /// Wall seconds since the start.
     pub uptime_s: f64,
+    /// The server's clock, milliseconds since 1970-01-01T00:00Z: half a round trip away from what a client's clock should say.
+    pub unix_ms: f64,
     /// Open streams.
     pub streams: u64,
     /// Each world.
@@ -97,6 +100,7 @@ async fn healthz(State(state): State<AppState>) -> (StatusCode, Json<Health>) {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         devices,
         uptime_s: state.started().elapsed().as_secs_f64(),
+        unix_ms: viewing::unix_ms(),
         streams: state.stream_count() as u64,
         worlds,
     };

@@ -18,12 +18,17 @@ mod scene;
 mod scene_schema;
 mod scenes;
 mod socket;
+mod stalling;
 mod state;
+mod view_shaders;
+mod viewing;
 mod world_commands;
 mod world_create;
 mod world_delete;
 mod world_frame;
+mod world_frame_mjpeg;
 mod world_plan;
+mod world_scenery;
 mod world_state;
 mod world_stream;
 mod world_volume;
@@ -38,7 +43,6 @@ use axum::extract::DefaultBodyLimit;
 use axum::http::{HeaderValue, Method, Uri, header};
 use axum::middleware::map_response;
 use axum::response::Response;
-use axum::serve::ListenerExt;
 use tokio::net::TcpListener;
 use tower_http::compression::CompressionLayer;
 use tower_http::compression::predicate::{NotForContentType, Predicate, SizeAbove};
@@ -54,6 +58,7 @@ pub use world_state::WorldState;
 
 use error::Refusal;
 pub(crate) use error::internal;
+use stalling::StallingListener;
 
 /// How long a server that was told to stop waits for answers under way.
 const SHUT_DOWN_WITHIN: Duration = Duration::from_secs(5);
@@ -73,7 +78,10 @@ pub fn routes() -> Vec<Route> {
         world_state::route(),
         world_delete::route(),
         world_plan::route(),
+        world_scenery::route(),
+        view_shaders::route(),
         world_frame::route(),
+        world_frame_mjpeg::route(),
         world_commands::route(),
         world_stream::route(),
         sample_point::route(),
@@ -92,6 +100,7 @@ pub fn router(state: AppState) -> Router {
     let body_bytes_max = state.limits().body_bytes_max;
     let compressed = SizeAbove::new(1024)
         .and(NotForContentType::IMAGES)
+        .and(NotForContentType::new("multipart/x-mixed-replace"))
         .and(NotForContentType::new("application/octet-stream"));
     routes()
         .into_iter()
@@ -113,11 +122,8 @@ pub async fn serve_until(
     state: AppState,
     stop: impl Future<Output = ()> + Send + 'static,
 ) -> std::io::Result<()> {
-    let listener = listener.tap_io(|tcp| {
-        if let Err(error) = tcp.set_nodelay(true) {
-            tracing::debug!(%error, "cannot send small packets at once");
-        }
-    });
+    let stall = Duration::try_from_secs_f64(state.limits().stall_timeout_s).unwrap_or(Duration::MAX);
+    let listener = StallingListener::new(listener, stall);
     let (stopping, stopped) = tokio::sync::oneshot::channel();
     let worlds = state.clone();
     let idle = state.clone();

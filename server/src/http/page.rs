@@ -10,19 +10,28 @@ use super::route::{Place, Route};
 
 const INDEX: &str = include_str!("../../../client/web/index.html");
 
-/// The page's files: name, media type, content.
-const FILES: [(&str, &str, &str); 5] = [
-    ("main.js", JAVASCRIPT, include_str!("../../../client/web/main.js")),
-    ("stream.js", JAVASCRIPT, include_str!("../../../client/web/stream.js")),
-    ("view.js", JAVASCRIPT, include_str!("../../../client/web/view.js")),
-    ("panel.js", JAVASCRIPT, include_str!("../../../client/web/panel.js")),
-    (
-        "style.css",
-        "text/css; charset=utf-8",
-        include_str!("../../../client/web/style.css"),
-    ),
-];
+/// A file of the page that is a script: its name and its content.
+macro_rules! scripts {
+    ($($name:literal),* $(,)?) => { &[$(($name, include_str!(concat!("../../../client/web/", $name)))),*] };
+}
 
+/// The page's scripts.
+const SCRIPTS: &[(&str, &str)] = scripts![
+    "main.js",
+    "drawing.js",
+    "flight.js",
+    "kernels.js",
+    "latency.js",
+    "local.js",
+    "panel.js",
+    "past.js",
+    "raymarch.js",
+    "scenery.js",
+    "stream.js",
+    "view.js",
+    "volume.js"
+];
+const STYLE: &str = include_str!("../../../client/web/style.css");
 const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// Only our own files, frames from memory, and connections to where the page came from.
@@ -47,10 +56,12 @@ pub fn file_route() -> Route {
 }
 
 async fn named(NameOf(name): NameOf) -> Result<Response, Refusal> {
-    let found = FILES.iter().find(|(known, _, _)| *known == name);
-    let (_, media_type, content) =
-        found.ok_or_else(|| ApiError::new("not_found", format!("the page has no file {name:?}")))?;
-    Ok(file(media_type, content))
+    if name == "style.css" {
+        return Ok(file("text/css; charset=utf-8", STYLE));
+    }
+    let found = SCRIPTS.iter().find(|(known, _)| *known == name);
+    let (_, content) = found.ok_or_else(|| ApiError::new("not_found", format!("the page has no file {name:?}")))?;
+    Ok(file(JAVASCRIPT, content))
 }
 
 fn file(media_type: &'static str, content: &'static str) -> Response {

@@ -15,6 +15,7 @@ use super::error::{Refusal, internal};
 use super::extract::{JsonText, parse_json, read, take_scene};
 use super::route::Route;
 use super::state::AppState;
+use super::viewing::still_fits;
 use super::world_frame::{MEDIA_TYPES, image_response};
 use crate::host::renderer::{Frame, FrameRequest};
 use crate::machine::Machine;
@@ -53,6 +54,9 @@ async fn render(State(state): State<AppState>, JsonText(text): JsonText) -> Resu
     let scene = take_scene(&mut document, limits)?;
     let wish: RenderRequest = read::<RenderRequest>(document)?;
     checks::size(wish.width, wish.height, limits)?;
+    if wish.still {
+        still_fits(wish.width, wish.height, limits).map_err(|error| error.at("/still"))?;
+    }
     checks::in_range(wish.simulated_s, 0.0, limits.render_simulated_max_s, "/simulated_s")?;
     if let Some(camera) = &wish.camera {
         validate::camera(camera, "/camera")?;
@@ -99,6 +103,7 @@ fn run(
         height: wish.height,
         format: wish.format,
         camera: wish.camera.clone().unwrap_or_else(|| scene.camera.clone()),
+        still: wish.still,
     };
     let mut renderer = Renderer::new(&machine.compute);
     let mut world = World::new(scene, machine)?;
@@ -119,12 +124,14 @@ fn run(
         return Err(ApiError::new("render_too_long", message));
     }
     let simulate_ms = began.elapsed().as_secs_f64() * 1e3;
-    let picture = renderer.render(&snapshot, world.scene(), &request.camera, request.width, request.height)?;
+    let size = [request.width, request.height];
+    let picture = renderer.render(&snapshot, world.scene(), &request.camera, size, request.still)?;
     let encoding = Instant::now();
-    let bytes = picture::encode(&picture, request.format)?;
+    let bytes = picture::encode(&picture, request.format, request.still)?;
     let frame = Frame {
         request,
         revision: 0,
+        published_at: encoding,
         tick: snapshot.numbers.tick,
         simulated_s: reached_s,
         render_ms: picture.render_ms,

@@ -62,7 +62,7 @@ impl AppState {
     pub fn new(limits: Limits, machine: impl Into<Machine>) -> Result<Self, ApiError> {
         let machine = machine.into();
         let shared = Shared {
-            renderer: RenderService::start(machine.compute.clone()).map_err(internal)?,
+            renderer: RenderService::start(machine.compute.clone(), limits.viewer_share).map_err(internal)?,
             machine,
             started: Instant::now(),
             worlds: Mutex::new(Worlds::default()),

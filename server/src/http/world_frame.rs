@@ -6,7 +6,7 @@ use std::str::FromStr;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use welkin_proto::wire::FrameFormat;
+use welkin_proto::wire::{FrameFormat, FrameQuality};
 use welkin_proto::{ApiError, Camera, validate};
 
 use super::checks;
@@ -15,7 +15,8 @@ use super::extract::{Pairs, WorldOf};
 use super::query::{invalid, number, unknown};
 use super::route::{Place, Route};
 use super::state::AppState;
-use crate::host::renderer::{Frame, FrameRequest};
+use super::viewing::still_fits;
+use crate::host::renderer::{Frame, FrameRequest, Viewer};
 use crate::limits::Limits;
 
 /// The size of a frame whose size nobody gave, pixels.
@@ -32,9 +33,33 @@ pub const MEDIA_TYPES: [&str; 3] = ["image/jpeg", "image/png", "image/webp"];
 /// The route.
 pub fn route() -> Route {
     use Place::Query;
-    Route::get("/v1/worlds/{id}/frame", "A picture of a live world", frame)
-        .of_world()
+    let route = Route::get("/v1/worlds/{id}/frame", "A picture of a live world", frame).of_world();
+    view_parameters(route)
         .parameter::<FrameFormat>(Query, "format", "Coding of the picture; jpeg.")
+        .parameter::<FrameQuality>(Query, "quality", "How much the picture may cost, live or still; live.")
+        .parameter::<String>(
+            Place::Header,
+            "If-None-Match",
+            "The `ETag` of the frame that the client has.",
+        )
+        .bytes(
+            200,
+            "The picture, with `ETag`, `X-Welkin-Tick`, `X-Welkin-Simulated-S`, `Server-Timing`.",
+            &MEDIA_TYPES,
+        )
+        .bytes(304, "The client has the newest one.", &[])
+        .error("out_of_range")
+        .error("bad_parameter")
+        .error("unknown_parameter")
+        .error("bad_query")
+        .error("busy")
+        .error("internal")
+}
+
+/// With the parameters of a picture's size and camera, which [`parse`] reads.
+pub fn view_parameters(route: Route) -> Route {
+    use Place::Query;
+    route
         .parameter::<u32>(Query, "width", "Pixels across; 640.")
         .parameter::<u32>(Query, "height", "Pixels down; 360.")
         .parameter::<f64>(
@@ -64,23 +89,6 @@ pub fn route() -> Route {
             "Angle of view from bottom to top, degrees; the scene's.",
         )
         .parameter::<f64>(Query, "exposure_ev", "Exposure compensation, stops; the scene's.")
-        .parameter::<String>(
-            Place::Header,
-            "If-None-Match",
-            "The `ETag` of the frame that the client has.",
-        )
-        .bytes(
-            200,
-            "The picture, with `ETag`, `X-Welkin-Tick`, `X-Welkin-Simulated-S`, `Server-Timing`.",
-            &MEDIA_TYPES,
-        )
-        .bytes(304, "The client has the newest one.", &[])
-        .error("out_of_range")
-        .error("bad_parameter")
-        .error("unknown_parameter")
-        .error("bad_query")
-        .error("busy")
-        .error("internal")
 }
 
 async fn frame(
@@ -101,9 +109,10 @@ async fn frame(
         )
             .into_response());
     }
+    let queued_max = state.limits().queued_frames_max;
     let ticket = state
         .renderer()
-        .request(&view, request, state.limits().queued_frames_max)?;
+        .request(Viewer::SNAPSHOTS, &view, request, queued_max)?;
     let frame = ticket.answer.await.map_err(internal)??;
     let tag = etag(&view.id, frame.revision, query);
     Ok(image_response(
@@ -150,9 +159,10 @@ fn fingerprint(request: &FrameRequest) -> u64 {
         height,
         format,
         camera,
+        still,
     } = request;
     let mut hasher = DefaultHasher::new();
-    (width, height, format).hash(&mut hasher);
+    (width, height, format, still).hash(&mut hasher);
     let angles = [
         camera.azimuth_deg,
         camera.elevation_deg,
@@ -165,14 +175,15 @@ fn fingerprint(request: &FrameRequest) -> u64 {
     hasher.finish()
 }
 
-/// Reads the query; what is absent comes from the scene's camera.
-fn parse(pairs: &[(String, String)], scene_camera: &Camera, limits: &Limits) -> Result<FrameRequest, ApiError> {
+/// Reads the query of [`view_parameters`], format and quality; what is absent comes from the scene's camera.
+pub fn parse(pairs: &[(String, String)], scene_camera: &Camera, limits: &Limits) -> Result<FrameRequest, ApiError> {
     let [width, height] = DEFAULT_SIZE;
     let mut request = FrameRequest {
         width,
         height,
         format: FrameFormat::default(),
         camera: scene_camera.clone(),
+        still: false,
     };
     let camera = &mut request.camera;
     for (name, value) in pairs {
@@ -180,6 +191,13 @@ fn parse(pairs: &[(String, String)], scene_camera: &Camera, limits: &Limits) -> 
             "width" => request.width = pixels(name, value)?,
             "height" => request.height = pixels(name, value)?,
             "format" => request.format = format_named(value)?,
+            "quality" => {
+                request.still = match value.as_str() {
+                    "live" => false,
+                    "still" => true,
+                    _ => return Err(invalid(name, value, "one of live, still")),
+                }
+            }
             "x_m" => camera.position_m[0] = number(name, value)?,
             "y_m" => camera.position_m[1] = number(name, value)?,
             "z_m" => camera.position_m[2] = number(name, value)?,
@@ -191,6 +209,9 @@ fn parse(pairs: &[(String, String)], scene_camera: &Camera, limits: &Limits) -> 
         }
     }
     checks::size(request.width, request.height, limits)?;
+    if request.still {
+        still_fits(request.width, request.height, limits)?;
+    }
     validate::camera(&request.camera, "").map_err(|error| match error.pointer.as_deref() {
         Some("/position_m/0") => error.at("/x_m"),
         Some("/position_m/1") => error.at("/y_m"),

@@ -1,17 +1,14 @@
 //! `GET /v1/worlds/{id}/stream`: the WebSocket. Numbers after every tick as text, frames as binary when asked for.
 //!
-//! Nothing is queued for a client. Numbers come from a `watch` channel that holds the newest only; a frame is asked for
-//! when the one before has been sent. A client that does not take a message within the stall timeout is dropped.
+//! Nothing is queued for a client. Numbers come from a `watch` channel that holds the newest only; for frames see [`Viewing`]. A client that does not take a message within the stall timeout is dropped.
 
 use std::convert::Infallible;
 use std::sync::Arc;
-use std::time::Duration;
 
 use axum::extract::ws::Message;
 use axum::extract::{Request, State};
 use axum::response::Response;
-use tokio::time::{Instant, sleep_until};
-use welkin_proto::wire::{ClientMessage, FRAME_HEADER_BYTES, FrameHeader, PROTOCOL_VERSION, ServerMessage};
+use welkin_proto::wire::{ClientMessage, FRAME_HEADER_VERSION, FrameHeader, PROTOCOL_VERSION, ServerMessage};
 use welkin_proto::{ApiError, validate};
 
 use super::checks;
@@ -20,8 +17,9 @@ use super::extract::WorldOf;
 use super::route::Route;
 use super::socket::{self, Connection, End, Incoming};
 use super::state::AppState;
+use super::viewing::{Viewing, Wish, until};
 use crate::host::View;
-use crate::host::renderer::{Frame, FrameRequest, Ticket};
+use crate::host::renderer::{Frame, FrameRequest};
 
 /// The route.
 pub fn route() -> Route {
@@ -40,12 +38,10 @@ async fn open(State(state): State<AppState>, WorldOf(host): WorldOf, request: Re
     socket::open(state, view, request, most, move |connection| async move {
         let mut stream = Stream {
             connection,
+            viewing: Viewing::new(&shared),
             state: shared,
             world,
-            wish: None,
-            ticket: None,
-            next_frame_at: Instant::now(),
-            shown: None,
+            frame_header: FrameHeader::first_version(),
             sequence: 0,
         };
         let end = stream.live().await;
@@ -54,23 +50,13 @@ async fn open(State(state): State<AppState>, WorldOf(host): WorldOf, request: Re
     .await
 }
 
-/// What the client wants to see, and what it got.
-struct Wish {
-    request: FrameRequest,
-    between: Duration,
-}
-
 struct Stream {
     connection: Connection,
     state: AppState,
     world: View,
-    wish: Option<Wish>,
-    /// The frame under way.
-    ticket: Option<Ticket>,
-    /// No frame is asked for before.
-    next_frame_at: Instant,
-    /// The publication that the last frame showed; `None` after a new wish, which is answered even by a world that stands.
-    shown: Option<u64>,
+    viewing: Viewing,
+    /// Version of the frames' header that the client reads.
+    frame_header: u16,
     sequence: u32,
 }
 
@@ -87,7 +73,7 @@ impl Stream {
         self.hello().await?;
         self.world.published.mark_changed(); // the first numbers go out at once
         loop {
-            let ask_at = self.wants_frame().then_some(self.next_frame_at);
+            let due = self.viewing.due(self.world.published.borrow().revision);
             tokio::select! {
                 event = self.connection.event() => match self.connection.take(event).await? {
                     None => {}
@@ -106,11 +92,12 @@ impl Stream {
                     let numbers = self.world.published.borrow_and_update().snapshot.numbers.clone();
                     self.connection.say(&ServerMessage::Tick { numbers }).await?;
                 }
-                answer = answer(&mut self.ticket) => {
-                    self.ticket = None;
-                    self.answered(answer).await?;
+                answer = self.viewing.answer() => self.answered(answer).await?,
+                still = until(due) => {
+                    if let Err(error) = self.viewing.ask(still, &self.state, &self.world) {
+                        self.refuse(error).await?;
+                    }
                 }
-                () = sleep_until_some(ask_at) => self.ask().await?,
             }
         }
     }
@@ -139,10 +126,7 @@ impl Stream {
         let message: ClientMessage =
             serde_json::from_value(value).map_err(|e| ApiError::new("bad_message", e.to_string()))?;
         match message {
-            ClientMessage::NoFrames {} => {
-                self.wish = None;
-                self.ticket = None;
-            }
+            ClientMessage::NoFrames {} => self.viewing.stop(),
             ClientMessage::Command { command } => self.world.command(command).map_err(|error| {
                 let pointer = error.pointer.as_deref().map(|p| format!("/command{p}"));
                 match pointer {
@@ -156,9 +140,11 @@ impl Stream {
                 format,
                 max_fps,
                 camera,
+                quality,
+                header,
             } => {
                 checks::size(width, height, self.state.limits())?;
-                checks::in_range(max_fps, 0.01, self.state.limits().frames_per_s_max, "/max_fps")?;
+                checks::in_range(header.into(), 1.0, FRAME_HEADER_VERSION.into(), "/header")?;
                 if let Some(camera) = &camera {
                     validate::camera(camera, "/camera")?;
                 }
@@ -168,94 +154,26 @@ impl Stream {
                     height,
                     format,
                     camera,
+                    still: false,
                 };
-                if let Some(ticket) = &self.ticket {
-                    self.state.renderer().replace(ticket, request.clone());
-                }
-                self.wish = Some(Wish {
-                    request,
-                    between: Duration::from_secs_f64(1.0 / max_fps),
-                });
-                self.shown = None;
+                let wish = Wish::new(request, quality, max_fps, self.state.limits())?;
+                self.viewing.wish(wish, &self.state);
+                self.frame_header = header;
             }
         }
         Ok(())
     }
 
-    /// Whether there is a frame to ask for: one is wished for, none is under way, and the last shows an older state.
-    fn wants_frame(&self) -> bool {
-        self.wish.is_some() && self.ticket.is_none() && self.shown != Some(self.world.published.borrow().revision)
-    }
-
-    async fn ask(&mut self) -> Result<(), End> {
-        let Some(wish) = &self.wish else {
-            return Ok(());
-        };
-        // Due times follow one another, so that a frame asked for late does not lower the rate; a pause does not add up.
-        let now = Instant::now();
-        self.next_frame_at = (self.next_frame_at + wish.between).max(now);
-        let request = wish.request.clone();
-        match self
-            .state
-            .renderer()
-            .request(&self.world, request, self.state.limits().queued_frames_max)
-        {
-            Ok(ticket) => {
-                self.ticket = Some(ticket);
-                Ok(())
-            }
-            Err(error) => {
-                self.next_frame_at = now + Duration::from_secs(1);
-                self.refuse(error).await
-            }
-        }
-    }
-
     async fn answered(&mut self, answer: Result<Arc<Frame>, ApiError>) -> Result<(), End> {
         let frame = match answer {
-            Ok(frame) => frame,
-            Err(error) => {
-                self.wish = None; // the same wish would fail again and again
-                return self.refuse(error).await;
-            }
+            Ok(frame) if self.viewing.wants_frames() => frame,
+            Ok(_) => return Ok(()),
+            Err(error) => return self.refuse(error).await,
         };
-        let Some(wish) = &self.wish else {
-            return Ok(());
-        };
-        let request = &frame.request;
-        if wish.request == *request {
-            self.shown = Some(frame.revision);
-        }
-        let header = FrameHeader {
-            format: request.format,
-            width: request.width,
-            height: request.height,
-            tick: frame.tick,
-            simulated_s: frame.simulated_s,
-            render_ms: frame.render_ms as f32,
-            encode_ms: frame.encode_ms as f32,
-            sequence: self.sequence,
-            image_bytes: frame.bytes.len() as u32,
-        };
+        let header = self.viewing.header(&frame, self.sequence, self.frame_header > 1);
         self.sequence = self.sequence.wrapping_add(1);
-        let mut bytes = Vec::with_capacity(FRAME_HEADER_BYTES + frame.bytes.len());
-        bytes.extend_from_slice(&header.encode());
+        let mut bytes = header.encode();
         bytes.extend_from_slice(&frame.bytes);
         self.connection.send(Message::Binary(bytes.into())).await
-    }
-}
-
-/// The frame under way; never, where there is none. Leaves the ticket in its place, so it may be dropped half-way.
-async fn answer(ticket: &mut Option<Ticket>) -> Result<Arc<Frame>, ApiError> {
-    match ticket {
-        None => std::future::pending().await,
-        Some(ticket) => (&mut ticket.answer).await.map_err(super::error::internal)?,
-    }
-}
-
-async fn sleep_until_some(at: Option<Instant>) {
-    match at {
-        None => std::future::pending().await,
-        Some(at) => sleep_until(at).await,
     }
 }

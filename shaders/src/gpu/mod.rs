@@ -13,6 +13,7 @@ pub mod pressure;
 pub mod profiles;
 pub mod readback;
 pub mod view;
+pub mod view_kernels;
 pub mod view_stages;
 
 pub use context::{AdapterChoice, AdapterReport, Context};

@@ -4,7 +4,8 @@
 
 use std::sync::Arc;
 
-use super::{Bind, Context, GpuError, Kernel};
+use super::view_kernels::view_kernel;
+use super::{Context, GpuError, Kernel};
 use crate::cpu::light::Atmosphere;
 use crate::cpu::light::multiple_scattering_table::{MULTIPLE_HEIGHTS, MULTIPLE_SUNS};
 use crate::cpu::light::sky_table::{SKY_COLUMNS, SKY_HALF_ROWS, horizon_sine};
@@ -372,48 +373,28 @@ impl ViewStages {
 
     /// Compiles all. Errors: `Shader`, and those of memory and loss.
     pub fn new(context: Arc<Context>) -> Result<ViewStages, GpuError> {
-        use Bind::{Read, Uniform, Write};
         let c = &context;
-        let visibility = [Uniform, Read, Write, Write];
-        let shape = [Uniform, Read, Write, Write];
-        let occupancy = [Uniform, Read, Write, Write, Write];
-        let sun = [Uniform, Uniform, Read, Read, Read, Read, Write, Write];
-        let noise = [Write, Write, Write];
-        let tables = [Uniform, Uniform, Read, Read, Write];
-        let occupancy_of = |entry| Kernel::new(c, "view/occupancy", entry, &occupancy);
-        let sun_of = |entry| Kernel::new(c, "light/sun_optical_depth", entry, &sun);
-        let noise_of = |entry| Kernel::new(c, "view/detail_noise", entry, &noise);
+        let kernel = |name: &'static str| {
+            let found = view_kernel(name).ok_or_else(|| GpuError::Other {
+                message: format!("there is no kernel {name}"),
+            })?;
+            Kernel::new(c, found.module, found.entry, found.binds)
+        };
         Ok(ViewStages {
-            transmittance: Kernel::new(c, "light/transmittance_table", "transmittance", &[Uniform, Write])?,
-            multiple: Kernel::new(
-                c,
-                "light/multiple_scattering_table",
-                "multiple_scattering",
-                &[Uniform, Read, Write],
-            )?,
-            sky: Kernel::new(c, "light/sky_table", "sky", &tables)?,
-            light: Kernel::new(c, "light/sky_light", "sky_light", &tables)?,
-            straight: Kernel::new(c, "light/sky_visibility", "straight", &visibility)?,
-            slanted: Kernel::new(c, "light/sky_visibility", "slanted", &visibility)?,
-            neighbours: Kernel::new(c, "view/shape", "neighbours", &shape)?,
-            points: Kernel::new(c, "view/shape", "points", &shape)?,
-            nearest: [
-                occupancy_of("nearest_x")?,
-                occupancy_of("nearest_xy")?,
-                occupancy_of("nearest_xyz")?,
-            ],
-            sun_points: sun_of("points")?,
-            ground_shadow: sun_of("ground_shadow")?,
-            sunlit_share: sun_of("sunlit_share")?,
-            noise: [noise_of("values")?, noise_of("spread")?, noise_of("pack")?],
-            march: Kernel::new(
-                c,
-                "view/march",
-                "pixels",
-                &[
-                    Uniform, Uniform, Uniform, Read, Read, Read, Read, Read, Read, Read, Write,
-                ],
-            )?,
+            transmittance: kernel("transmittance")?,
+            multiple: kernel("multiple_scattering")?,
+            sky: kernel("sky")?,
+            light: kernel("sky_light")?,
+            straight: kernel("visibility_straight")?,
+            slanted: kernel("visibility_slanted")?,
+            neighbours: kernel("shape_neighbours")?,
+            points: kernel("shape_points")?,
+            nearest: [kernel("nearest_x")?, kernel("nearest_xy")?, kernel("nearest_xyz")?],
+            sun_points: kernel("sun_points")?,
+            ground_shadow: kernel("ground_shadow")?,
+            sunlit_share: kernel("sunlit_share")?,
+            noise: [kernel("noise_values")?, kernel("noise_spread")?, kernel("noise_pack")?],
+            march: kernel("march")?,
             no_cloud: c.uniform("no cloud", bytemuck::bytes_of(&ShapeGrid::default()))?,
             context,
         })

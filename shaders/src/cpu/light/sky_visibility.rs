@@ -11,9 +11,11 @@ use rayon::prelude::*;
 crate::constants! {
     /// 3/4 (1 - g).
     pub const DIFFUSE_VISIBILITY: f32 = 0.105;
+    /// Tangent of the slanted directions' angle from the vertical.
+    pub const SLANT_SIDEWAYS: f32 = 1.19;
+    /// One over its cosine.
+    pub const SLANT_PATH: f32 = 1.556;
 }
-/// Tangent and one over the cosine of the slanted directions' angle from the vertical.
-const SLANT: [f32; 2] = [1.19, 1.556];
 
 /// Light from above and from below; see the module. `extinction` holds whole levels of `cells[0] * cells[1]`.
 pub fn sky_visibility(extinction: &[f32], cells: [usize; 2], cell_size_m: [f32; 3]) -> [Vec<f32>; 2] {
@@ -33,7 +35,7 @@ pub fn sky_visibility(extinction: &[f32], cells: [usize; 2], cell_size_m: [f32; 
 
 /// Length in m of a slanted path through a level, and the cells that it goes sideways along `axis`.
 pub(crate) fn slanted_path(size_m: [f32; 3], axis: usize) -> (f32, f32) {
-    (size_m[2] * SLANT[1], SLANT[0] * size_m[2] / size_m[axis])
+    (size_m[2] * SLANT_PATH, SLANT_SIDEWAYS * size_m[2] / size_m[axis])
 }
 
 fn sweep(

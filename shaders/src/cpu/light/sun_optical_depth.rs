@@ -15,6 +15,8 @@ use crate::cpu::view::shape::Shape;
 crate::constants! {
     /// Optical depth a unit of the packed 16 bits.
     pub const DEPTH_UNIT: f32 = 0.001;
+    /// Sine of the lowest elevation that is marched to, 1.5 degrees.
+    pub const SUN_MARCHED_SINE_LEAST: f32 = 0.026;
     /// Points farther than this from cloud, m, are left empty.
     const SUN_LIGHT_MARGIN_M: f32 = 130.0;
     /// No march goes farther, m.
@@ -42,7 +44,7 @@ pub struct SunLight {
 
 /// The sun's direction as it is marched to: never lower than 1.5 degrees, a unit vector.
 pub fn marched_direction(sun_direction: [f32; 3]) -> [f32; 3] {
-    let z = sun_direction[2].clamp(0.026, 1.0);
+    let z = sun_direction[2].clamp(SUN_MARCHED_SINE_LEAST, 1.0);
     let side = (sun_direction[0].powi(2) + sun_direction[1].powi(2)).sqrt();
     let scale = (1.0 - z * z).sqrt();
     let [x, y] = if side > 1e-6 {

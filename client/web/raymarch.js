@@ -1,0 +1,372 @@
+// @ts-check
+// Pictures drawn on this computer's GPU by the server's kernels: the same stages in the same order as shaders/src/gpu/view.rs, and tables that
+// are made again only when what they depend on has changed.
+
+/** @import { Camera, Cloud, Scenery } from "./types.js" */
+/** @import { Kernels } from "./kernels.js" */
+
+import { cameraPlace, cloudySlab, horizonSine, marchedSun, tableSun, viewFrame } from "./scenery.js";
+
+/** Pixels that one submission draws at most, so that the page's other work on the GPU gets its turn. */
+const BAND_PIXELS = 1 << 18;
+
+/** @typedef {Record<string, number | boolean | ArrayLike<number>>} Values */
+
+/**
+ * A cloud's shape on the GPU.
+ * @typedef {object} Shape
+ * @property {Values} grid
+ * @property {GPUBuffer} uniform
+ * @property {GPUBuffer} words
+ * @property {GPUBuffer} occupancy
+ * @property {GPUBuffer} above
+ * @property {GPUBuffer} below
+ */
+
+/** Draws pictures; keeps what pictures of the same cloud or sky share. */
+export class Raymarcher {
+  /** @param {Kernels} kernels */
+  constructor(kernels) {
+    this.kernels = kernels;
+    this.device = kernels.device;
+    /** @type {Map<string, GPUBuffer>} buffers that grow when they must */
+    this.buffers = new Map();
+    /** @type {Map<string, string>} what each table was made for */
+    this.made = new Map();
+    /** @type {Cloud | null} */
+    this.cloud = null;
+    /** @type {Shape | null} */
+    this.shape = null;
+    this.shapeIsOld = true;
+    this.blank = this.storage("blank", 64);
+    this.noCloud = this.device.createBuffer({
+      label: "no cloud",
+      size: kernels.shaders.structs.ShapeGrid.size_bytes,
+      usage: GPUBufferUsage.UNIFORM,
+    });
+    this.frame = kernels.device.createBuffer({
+      label: "frame",
+      size: kernels.shaders.structs.ViewFrame.size_bytes,
+      usage: GPUBufferUsage.UNIFORM | GPUBufferUsage.COPY_DST,
+    });
+  }
+
+  /**
+   * The cloud that is drawn from now on.
+   * @param {Cloud | null} cloud
+   */
+  setCloud(cloud) {
+    this.cloud = cloud;
+    this.shapeIsOld = true;
+  }
+
+  /**
+   * A buffer of at least so many bytes, kept under a name.
+   * @param {string} name
+   * @param {number} bytes
+   * @param {number} [more] further usages
+   */
+  storage(name, bytes, more = 0) {
+    const kept = this.buffers.get(name);
+    if (kept !== undefined && kept.size >= bytes) {
+      return kept;
+    }
+    const limit = this.device.limits.maxStorageBufferBindingSize;
+    if (bytes > limit) {
+      throw new Error(`${name} takes ${bytes} bytes, and this GPU binds ${limit} at most`);
+    }
+    kept?.destroy();
+    const buffer = this.device.createBuffer({
+      label: name,
+      size: bytes,
+      usage: GPUBufferUsage.STORAGE | GPUBufferUsage.COPY_SRC | GPUBufferUsage.COPY_DST | more,
+    });
+    this.buffers.set(name, buffer);
+    return buffer;
+  }
+
+  /**
+   * Whether a table must be made; notes what it is made for.
+   * @param {string} table
+   * @param {...unknown} parts
+   */
+  isNew(table, ...parts) {
+    const key = JSON.stringify(parts);
+    if (this.made.get(table) === key) {
+      return false;
+    }
+    this.made.set(table, key);
+    return true;
+  }
+
+  /**
+   * Records and submits a picture; its bytes are in the returned buffer when the GPU is done, three a pixel, rows filled up to whole words.
+   * @param {Scenery} scenery
+   * @param {Camera} camera
+   * @param {number[]} sun towards it
+   * @param {[number, number]} size pixels
+   */
+  draw(scenery, camera, sun, size) {
+    const { kernels } = this;
+    const table = tableSun(sun, kernels);
+    const encoder = this.device.createCommandEncoder();
+    const pass = encoder.beginComputePass();
+    const detail = this.detailNoise(pass);
+    const air = this.airTables(pass, scenery);
+    const height_m = cameraPlace(camera, kernels)[2];
+    const sky = this.skyTable(pass, air, table, height_m);
+    if (this.shapeIsOld) {
+      this.makeShape(pass);
+      this.shapeIsOld = false;
+    }
+    const light = this.skyLight(pass, scenery, air, table);
+    const cloud = this.sunLight(pass, scenery, table);
+    pass.end();
+    this.device.queue.submit([encoder.finish()]);
+
+    const [width, height] = size;
+    const frame = viewFrame(scenery, camera, sun, this.shape === null ? null : this.cloud, size, kernels);
+    const picture = this.storage("picture", frame.row_words * height * 4);
+    const { pipeline, group } = kernels.bind("march", {
+      frame: this.frame,
+      light,
+      shape: this.shape?.uniform ?? this.noCloud,
+      transmittance_table: air.transmittance,
+      sky_table: sky,
+      shape_words: this.shape?.words ?? this.blank,
+      occupancy_words: this.shape?.occupancy ?? this.blank,
+      light_words: cloud.words,
+      shadow: cloud.shadow,
+      detail_words: detail,
+      picture,
+    });
+    const band = Math.max(8, Math.ceil(BAND_PIXELS / width / 8) * 8);
+    for (let row = 0; row < height; row += band) {
+      kernels.write(this.frame, "ViewFrame", { ...frame, first_row: row });
+      const bandEncoder = this.device.createCommandEncoder();
+      const bandPass = bandEncoder.beginComputePass();
+      bandPass.setPipeline(pipeline);
+      bandPass.setBindGroup(0, group);
+      const [x, y] = kernels.groups("march", [width, Math.min(band, height - row)]);
+      bandPass.dispatchWorkgroups(x, y);
+      bandPass.end();
+      this.device.queue.submit([bandEncoder.finish()]);
+    }
+    return { picture, row_words: frame.row_words };
+  }
+
+  /** @param {GPUComputePassEncoder} pass */
+  detailNoise(pass) {
+    const { kernels } = this;
+    const points = kernels.constant("TILE_POINTS") ** 3;
+    const words = this.storage("detail tile", points * 4);
+    if (this.isNew("detail noise")) {
+      const buffers = {
+        values_at: this.storage("billows", points * 8),
+        sums: this.storage("sums of billows", (points / 256) * 16),
+        words,
+      };
+      const groups = kernels.groups("noise_values", [points]);
+      kernels.dispatch(pass, "noise_values", buffers, groups);
+      kernels.dispatch(pass, "noise_spread", buffers, [1]);
+      kernels.dispatch(pass, "noise_pack", buffers, groups);
+    }
+    return words;
+  }
+
+  /** @param {GPUComputePassEncoder} pass @param {Scenery} scenery */
+  airTables(pass, scenery) {
+    const { kernels } = this;
+    const texels = kernels.constant("TRANSMITTANCE_HEIGHTS") * kernels.constant("TRANSMITTANCE_DIRECTIONS");
+    const higher = kernels.constant("MULTIPLE_HEIGHTS") * kernels.constant("MULTIPLE_SUNS");
+    const transmittance = this.storage("transmittance", texels * 16);
+    const multiple = this.storage("multiple scattering", higher * 16);
+    const values = scenery.uniforms.Air;
+    if (this.isNew("air", values)) {
+      this.airUniform?.destroy();
+      this.airUniform = kernels.uniform("Air", values);
+      const first = { air: this.airUniform, table: transmittance };
+      kernels.dispatch(pass, "transmittance", first, kernels.groups("transmittance", [texels]));
+      // A workgroup a texel.
+      const second = { air: this.airUniform, transmittance_table: transmittance, table: multiple };
+      kernels.dispatch(pass, "multiple_scattering", second, [higher]);
+    }
+    return { uniform: /** @type {GPUBuffer} */ (this.airUniform), transmittance, multiple };
+  }
+
+  /**
+   * @param {GPUComputePassEncoder} pass
+   * @param {{uniform: GPUBuffer, transmittance: GPUBuffer, multiple: GPUBuffer}} air
+   * @param {number[]} sun
+   * @param {number} height_m
+   */
+  skyTable(pass, air, sun, height_m) {
+    const { kernels } = this;
+    const texels = 2 * kernels.constant("SKY_HALF_ROWS") * kernels.constant("SKY_COLUMNS");
+    const table = this.storage("sky", texels * 16);
+    if (this.isNew("sky", this.made.get("air"), sun, height_m)) {
+      const view = kernels.uniform("SkyView", {
+        sun_direction: sun,
+        horizon_sine: horizonSine(height_m, kernels),
+        height_m,
+      });
+      const buffers = {
+        air: air.uniform,
+        view,
+        transmittance_table: air.transmittance,
+        multiple_scattering_table: air.multiple,
+        table,
+      };
+      kernels.dispatch(pass, "sky", buffers, kernels.groups("sky", [texels]));
+    }
+    return table;
+  }
+
+  /**
+   * @param {GPUComputePassEncoder} pass
+   * @param {Scenery} scenery
+   * @param {{uniform: GPUBuffer, transmittance: GPUBuffer, multiple: GPUBuffer}} air
+   * @param {number[]} sun
+   */
+  skyLight(pass, scenery, air, sun) {
+    const { kernels } = this;
+    const values = this.storage("sky light", kernels.shaders.structs.SkyLightValues.size_bytes, GPUBufferUsage.UNIFORM);
+    const grid = this.shape?.grid;
+    const ask = {
+      ...scenery.uniforms.SkyLightAsk,
+      sun_direction: sun,
+      base_m: grid === undefined ? 0 : Math.max(1, Number(grid.bottom_m)),
+      top_m: grid === undefined ? 1000 : Number(grid.top_m),
+    };
+    if (this.isNew("sky light", this.made.get("air"), ask)) {
+      const buffers = {
+        air: air.uniform,
+        ask: kernels.uniform("SkyLightAsk", ask),
+        transmittance_table: air.transmittance,
+        multiple_scattering_table: air.multiple,
+        light: values,
+      };
+      kernels.dispatch(pass, "sky_light", buffers, [1]);
+    }
+    return values;
+  }
+
+  /** @param {GPUComputePassEncoder} pass */
+  makeShape(pass) {
+    const { kernels } = this;
+    const slab = this.cloud === null ? null : cloudySlab(this.cloud, kernels);
+    this.made.delete("sun light");
+    this.shape?.uniform.destroy();
+    if (slab === null) {
+      this.shape = null;
+      return;
+    }
+    const { grid, extinction_per_m } = slab;
+    const cells = [grid.cells_x, grid.cells_y, grid.levels];
+    const bytes = extinction_per_m.byteLength;
+    const extinction = this.storage("extinction", bytes);
+    const largest = this.storage("largest extinction", bytes);
+    const words = this.storage("shape", grid.stride_x * grid.stride_y * grid.points_z * 4);
+    const occupancy = this.storage("occupancy", Math.ceil(extinction_per_m.length / 4) * 4);
+    const above = this.storage("above", bytes);
+    const below = this.storage("below", bytes);
+    const uniform = kernels.uniform("ShapeGrid", grid);
+    this.device.queue.writeBuffer(extinction, 0, extinction_per_m);
+
+    const shape = { shape: uniform, extinction_per_m: extinction, largest_per_m: largest, words };
+    kernels.dispatch(pass, "shape_neighbours", shape, kernels.groups("shape_neighbours", cells));
+    kernels.dispatch(pass, "shape_points", shape, kernels.groups("shape_points", cells));
+
+    const near = {
+      shape: uniform,
+      largest_per_m: largest,
+      along_x: this.storage("along x", bytes),
+      along_xy: this.storage("along x and y", bytes),
+      words: occupancy,
+    };
+    const rows = Math.ceil(Math.ceil(extinction_per_m.length / 4) / grid.occupancy_row);
+    kernels.dispatch(pass, "nearest_x", near, kernels.groups("nearest_x", cells));
+    kernels.dispatch(pass, "nearest_xy", near, kernels.groups("nearest_xy", cells));
+    kernels.dispatch(pass, "nearest_xyz", near, kernels.groups("nearest_xyz", [grid.occupancy_row, rows, 1]));
+
+    this.visibility(pass, grid, { extinction_per_m: extinction, above, below });
+    this.shape = { grid, uniform, words, occupancy, above, below };
+  }
+
+  /**
+   * @param {GPUComputePassEncoder} pass
+   * @param {{cells_x: number, cells_y: number, levels: number, cell_size_x_m: number, cell_size_y_m: number, cell_size_z_m: number}} grid
+   * @param {Record<string, GPUBuffer>} buffers
+   */
+  visibility(pass, grid, buffers) {
+    const { kernels } = this;
+    const tile = kernels.constant("VISIBILITY_TILE");
+    const { cells_x, cells_y, levels } = grid;
+    if (Math.max(cells_x, cells_y) > tile) {
+      throw new Error(`a line of ${Math.max(cells_x, cells_y)} cells is longer than the ${tile} that a workgroup keeps`);
+    }
+    const straight = {
+      cells_x,
+      cells_y,
+      levels,
+      axis: 0,
+      lines_per_tile: 1,
+      path_m: grid.cell_size_z_m,
+      reach: 0,
+      scale: 1,
+    };
+    const [groups] = kernels.groups("visibility_straight", [cells_x * cells_y]);
+    const first = { ...buffers, sweep: kernels.uniform("VisibilitySweep", straight) };
+    kernels.dispatch(pass, "visibility_straight", first, [groups, 2]);
+    for (const axis of [0, 1]) {
+      const along = axis === 0 ? cells_x : cells_y;
+      const across = axis === 0 ? cells_y : cells_x;
+      // One cell an invocation where lines are short; eight columns beside each other are read at once.
+      const lines = Math.min(Math.max(Math.floor(256 / along), 8), Math.floor(tile / along));
+      const size_m = axis === 0 ? grid.cell_size_x_m : grid.cell_size_y_m;
+      const sweep = kernels.uniform("VisibilitySweep", {
+        ...straight,
+        axis,
+        lines_per_tile: lines,
+        path_m: grid.cell_size_z_m * kernels.constant("SLANT_PATH"),
+        reach: (kernels.constant("SLANT_SIDEWAYS") * grid.cell_size_z_m) / size_m,
+        // The second of the two ends the mean over five directions.
+        scale: axis === 0 ? 1 : 0.2,
+      });
+      kernels.dispatch(pass, "visibility_slanted", { ...buffers, sweep }, [Math.ceil(across / lines), 2]);
+    }
+  }
+
+  /**
+   * @param {GPUComputePassEncoder} pass
+   * @param {Scenery} scenery
+   * @param {number[]} sun
+   */
+  sunLight(pass, scenery, sun) {
+    const { kernels, shape } = this;
+    if (shape === null) {
+      return { words: this.blank, shadow: this.blank };
+    }
+    const grid = /** @type {Record<string, number>} */ (shape.grid);
+    const words = this.storage("light", grid.stride_x * grid.stride_y * grid.points_z * 4);
+    const shadow = this.storage("shadow", (grid.stride_x * grid.stride_y + 1) * 4);
+    const march = { ...scenery.uniforms.SunMarch, direction: marchedSun(sun, kernels) };
+    if (this.isNew("sun light", march)) {
+      const buffers = {
+        shape: shape.uniform,
+        sun: kernels.uniform("SunMarch", march),
+        shape_words: shape.words,
+        occupancy_words: shape.occupancy,
+        above: shape.above,
+        below: shape.below,
+        light_words: words,
+        shadow,
+      };
+      const points = [grid.stride_x, grid.stride_y, grid.points_z];
+      kernels.dispatch(pass, "sun_points", buffers, kernels.groups("sun_points", points));
+      kernels.dispatch(pass, "ground_shadow", buffers, kernels.groups("ground_shadow", points.slice(0, 2)));
+      kernels.dispatch(pass, "sunlit_share", buffers, [1]);
+    }
+    return { words, shadow };
+  }
+}

@@ -1,0 +1,140 @@
+//! What a client needs to draw a world's pictures itself: the kernels, and what a world tells them.
+
+use std::collections::BTreeMap;
+
+use welkin_proto::view::{
+    BindingKind, Scenery, ShaderBinding, ShaderKernel, ShaderMember, ShaderModule, ShaderStruct, UniformValue,
+    ViewShaders,
+};
+use welkin_proto::{ApiError, Camera};
+use welkin_shaders::gpu::Bind;
+use welkin_shaders::gpu::view_kernels::{VIEW_KERNELS, VIEW_STRUCTS, reflect, view_constants};
+use welkin_shaders::gpu::view_stages::{Air, SkyLightAsk, SunMarch, ViewFrame};
+use welkin_shaders::view::Look;
+use welkin_shaders::wgsl::{self, Layout, Literal};
+
+use crate::picture;
+use crate::world::Snapshot;
+
+/// Members of uniforms that depend on neither camera, sun nor cloud.
+const SCENERY: &[(&str, &[&str])] = &[
+    ("Air", &["surface_altitude_m", "aerosol_per_m"]),
+    ("SkyLightAsk", &["ground_albedo"]),
+    ("SunMarch", &["carved"]),
+    (
+        "ViewFrame",
+        &[
+            "droplets",
+            "ground_albedo",
+            "ground_tint",
+            "detail_offset_m",
+            "detail_push",
+            "detail_blend",
+            "detail_tiles_per_m",
+            "octaves",
+            "shadow",
+            "sea",
+            "haze_on_cloud",
+        ],
+    ),
+];
+
+/// The kernels of the view, generated from what the GPU device runs. Errors: `internal` where a module's text is not what it should be.
+pub fn view_shaders() -> Result<ViewShaders, ApiError> {
+    let broken = |what: &str| ApiError::new("internal", format!("the kernels' {what} cannot be read"));
+    let mut modules = BTreeMap::new();
+    let mut kernels = BTreeMap::new();
+    for kernel in VIEW_KERNELS {
+        let text = wgsl::source(kernel.module).ok_or_else(|| broken("text"))?;
+        let said = reflect(&text).ok_or_else(|| broken("bindings"))?;
+        let (_, workgroup_size) = said
+            .entries
+            .iter()
+            .find(|(name, _)| name == kernel.entry)
+            .ok_or_else(|| broken("entries"))?;
+        let found = ShaderKernel {
+            module: kernel.module.to_owned(),
+            entry: kernel.entry.to_owned(),
+            workgroup_size: *workgroup_size,
+        };
+        kernels.insert(kernel.name.to_owned(), found);
+        let bindings = said.bindings.into_iter().map(|b| ShaderBinding {
+            name: b.name,
+            binding: b.binding,
+            kind: match b.bind {
+                Bind::Uniform => BindingKind::Uniform,
+                Bind::Read => BindingKind::Read,
+                Bind::Write => BindingKind::Write,
+            },
+            uniform: b.uniform,
+        });
+        let bindings = bindings.collect();
+        modules.insert(kernel.module.to_owned(), ShaderModule { wgsl: text, bindings });
+    }
+    let constants = view_constants().into_iter().map(|c| {
+        let value = match c.value {
+            Literal::F32(v) => v.into(),
+            Literal::U32(v) => v.into(),
+            Literal::I32(v) => v.into(),
+        };
+        (c.name.to_owned(), value)
+    });
+    Ok(ViewShaders {
+        modules,
+        kernels,
+        structs: VIEW_STRUCTS.iter().map(|s| (s.name.to_owned(), layout(s))).collect(),
+        constants: constants.collect(),
+    })
+}
+
+fn layout(layout: &Layout) -> ShaderStruct {
+    let members = layout.members.iter().map(|m| ShaderMember {
+        name: m.name.to_owned(),
+        kind: m.kind.to_owned(),
+        offset_bytes: m.offset as u32,
+        size_bytes: m.size as u32,
+    });
+    ShaderStruct {
+        size_bytes: layout.size as u32,
+        members: members.collect(),
+    }
+}
+
+/// What a world tells the kernels that is neither its cloud, nor the camera's, nor the sun's.
+pub fn scenery(snapshot: &Snapshot) -> Scenery {
+    // Any camera does: what depends on it is left out.
+    let camera = Camera {
+        position_m: [0.0, 0.0, 100.0],
+        azimuth_deg: 0.0,
+        elevation_deg: 0.0,
+        vertical_fov_deg: 60.0,
+        exposure_ev: 0.0,
+    };
+    let settings = picture::settings(snapshot, &snapshot.scene, &camera, [1, 1]);
+    let look = Look::new(&settings, [0.0; 3]);
+    let (air, frame) = (Air::new(&look.air), ViewFrame::new(&look, &settings, true, 1));
+    let ask = SkyLightAsk::new(look.table_sun, look.ground, [0.0; 2]);
+    let march = SunMarch::new(look.table_sun, look.detail.is_some());
+    let of = |name: &str| match name {
+        "Air" => (&Air::LAYOUT, air.bytes()),
+        "SkyLightAsk" => (&SkyLightAsk::LAYOUT, ask.bytes()),
+        "SunMarch" => (&SunMarch::LAYOUT, march.bytes()),
+        _ => (&ViewFrame::LAYOUT, frame.bytes()),
+    };
+    let uniforms = SCENERY.iter().map(|(name, wanted)| {
+        let (layout, bytes) = of(name);
+        let members = layout.members.iter().filter(|m| wanted.contains(&m.name));
+        let values = members.map(|m| (m.name.to_owned(), value(&m.numbers(bytes))));
+        (name.to_string(), values.collect())
+    });
+    Scenery {
+        uniforms: uniforms.collect(),
+    }
+}
+
+fn value(numbers: &[f64]) -> UniformValue {
+    match numbers {
+        [number] => UniformValue::Number(*number),
+        more => UniformValue::Vector(more.to_vec()),
+    }
+}

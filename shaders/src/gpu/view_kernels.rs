@@ -1,0 +1,138 @@
+//! The kernels of light and view as a list: what is compiled by whoever draws with them, this GPU device or a browser.
+
+use super::Bind;
+use super::view_stages::{Air, ShapeGrid, SkyLightAsk, SkyLightValues, SkyView, SunMarch, ViewFrame, VisibilitySweep};
+use crate::wgsl::{self, Constant, Layout};
+use Bind::{Read, Uniform, Write};
+
+/// A kernel of the view.
+#[derive(Clone, Copy, Debug)]
+pub struct ViewKernel {
+    /// Its name.
+    pub name: &'static str,
+    /// The module that it is in.
+    pub module: &'static str,
+    /// Its entry point.
+    pub entry: &'static str,
+    /// What it binds, in the order of the bindings.
+    pub binds: &'static [Bind],
+}
+
+const TABLES: &[Bind] = &[Uniform, Uniform, Read, Read, Write];
+const VISIBILITY: &[Bind] = &[Uniform, Read, Write, Write];
+const SHAPE: &[Bind] = &[Uniform, Read, Write, Write];
+const OCCUPANCY: &[Bind] = &[Uniform, Read, Write, Write, Write];
+const SUN: &[Bind] = &[Uniform, Uniform, Read, Read, Read, Read, Write, Write];
+const NOISE: &[Bind] = &[Write, Write, Write];
+const MARCH: &[Bind] = &[
+    Uniform, Uniform, Uniform, Read, Read, Read, Read, Read, Read, Read, Write,
+];
+
+macro_rules! kernels {
+    ($($name:literal $module:literal $entry:literal $binds:expr;)*) => {
+        /// All kernels of the view.
+        pub const VIEW_KERNELS: &[ViewKernel] = &[$(ViewKernel { name: $name, module: $module, entry: $entry, binds: $binds }),*];
+    };
+}
+
+kernels! {
+    "transmittance" "light/transmittance_table" "transmittance" &[Uniform, Write];
+    "multiple_scattering" "light/multiple_scattering_table" "multiple_scattering" &[Uniform, Read, Write];
+    "sky" "light/sky_table" "sky" TABLES;
+    "sky_light" "light/sky_light" "sky_light" TABLES;
+    "visibility_straight" "light/sky_visibility" "straight" VISIBILITY;
+    "visibility_slanted" "light/sky_visibility" "slanted" VISIBILITY;
+    "shape_neighbours" "view/shape" "neighbours" SHAPE;
+    "shape_points" "view/shape" "points" SHAPE;
+    "nearest_x" "view/occupancy" "nearest_x" OCCUPANCY;
+    "nearest_xy" "view/occupancy" "nearest_xy" OCCUPANCY;
+    "nearest_xyz" "view/occupancy" "nearest_xyz" OCCUPANCY;
+    "sun_points" "light/sun_optical_depth" "points" SUN;
+    "ground_shadow" "light/sun_optical_depth" "ground_shadow" SUN;
+    "sunlit_share" "light/sun_optical_depth" "sunlit_share" SUN;
+    "noise_values" "view/detail_noise" "values" NOISE;
+    "noise_spread" "view/detail_noise" "spread" NOISE;
+    "noise_pack" "view/detail_noise" "pack" NOISE;
+    "march" "view/march" "pixels" MARCH;
+}
+
+/// Structs that the kernels bind.
+pub const VIEW_STRUCTS: &[Layout] = &[
+    Air::LAYOUT,
+    SkyView::LAYOUT,
+    SkyLightAsk::LAYOUT,
+    SkyLightValues::LAYOUT,
+    VisibilitySweep::LAYOUT,
+    ShapeGrid::LAYOUT,
+    SunMarch::LAYOUT,
+    ViewFrame::LAYOUT,
+];
+
+/// The kernel of that name.
+pub fn view_kernel(name: &str) -> Option<&'static ViewKernel> {
+    VIEW_KERNELS.iter().find(|k| k.name == name)
+}
+
+/// Numbers of the view: the host's own, then those that WGSL is given, each once.
+pub fn view_constants() -> Vec<Constant> {
+    let mut all: Vec<Constant> = crate::view::WGSL.to_vec();
+    let used = VIEW_KERNELS.iter().flat_map(|k| wgsl::with_used(k.module));
+    for constant in used.flat_map(|m| m.constants.iter().copied().flatten()) {
+        if !all.iter().any(|known| known.name == constant.name) {
+            all.push(*constant);
+        }
+    }
+    all
+}
+
+/// A binding of a module, as its WGSL says.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Binding {
+    /// Its name.
+    pub name: String,
+    /// Its number.
+    pub binding: u32,
+    /// How it is bound.
+    pub bind: Bind,
+    /// The struct of a uniform.
+    pub uniform: Option<String>,
+}
+
+/// What a module's WGSL says of itself.
+#[derive(Clone, Debug, Default)]
+pub struct Reflection {
+    /// Its bindings, by number.
+    pub bindings: Vec<Binding>,
+    /// Entry points with the size of their workgroups.
+    pub entries: Vec<(String, [u32; 3])>,
+}
+
+/// Reads a module's bindings and workgroup sizes out of its whole text. None where that does not parse.
+pub fn reflect(source: &str) -> Option<Reflection> {
+    use wgpu::naga::{AddressSpace, StorageAccess, front::wgsl::parse_str};
+    let module = parse_str(source).ok()?;
+    let mut bindings = Vec::new();
+    for (_, variable) in module.global_variables.iter() {
+        let Some(place) = &variable.binding else {
+            continue;
+        };
+        let (bind, uniform) = match variable.space {
+            AddressSpace::Uniform => (Uniform, module.types[variable.ty].name.clone()),
+            AddressSpace::Storage { access } if access.contains(StorageAccess::STORE) => (Write, None),
+            AddressSpace::Storage { .. } => (Read, None),
+            _ => continue,
+        };
+        bindings.push(Binding {
+            name: variable.name.clone()?,
+            binding: place.binding,
+            bind,
+            uniform,
+        });
+    }
+    bindings.sort_by_key(|b| b.binding);
+    let entries = module.entry_points.iter();
+    Some(Reflection {
+        bindings,
+        entries: entries.map(|e| (e.name.clone(), e.workgroup_size)).collect(),
+    })
+}
