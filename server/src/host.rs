@@ -392,6 +392,7 @@ impl Runner {
     }
 
     fn publish(&mut self) {
+        self.world.settle();
         self.revision += 1;
         let spinning_up = self.world.spinning_up();
         let mut snapshot = self.world.snapshot();
@@ -506,7 +507,12 @@ impl Runner {
                         (Some(began), Some(period)) if now < began + 2 * period => began + period,
                         _ => now,
                     });
-                    self.world.tick();
+                    let flat_out = self.period().is_none_or(|period| period < PUBLISH_EVERY / 8);
+                    if flat_out {
+                        self.world.tick_ahead();
+                    } else {
+                        self.world.tick();
+                    }
                     self.changed = true;
                     self.speed.mark(self.world.simulated_s());
                     if self.world.is_halted() {
@@ -515,7 +521,6 @@ impl Runner {
                         continue;
                     }
                     let age = self.publisher.borrow().at.elapsed();
-                    let flat_out = self.period().is_none_or(|period| period < PUBLISH_EVERY / 8);
                     if !flat_out || age >= PUBLISH_EVERY {
                         self.publish();
                     }

@@ -43,7 +43,8 @@ const WATER_DRIFT_OTHERS: f64 = 1e-3;
 const WATER_SUM_SINGLE: f64 = 3e-5;
 /// Share of the sources' own change over a tick by which the mean of their rates at its two ends may miss what they gave.
 const WATER_SOURCE_SLACK: f64 = 1.0;
-/// Least total water, kg/kg. Fifth-order fluxes undershoot by a permille of a jump, 2e-6 in the driest hard case; physics counts it as none.
+/// Least total water, kg/kg. `hole_filler` leaves none below zero unless a whole column holds less than nothing; what a command or a fault wrote
+/// may be, and counts as none down to here.
 const WATER_MIN_KG_PER_KG: f64 = -1e-4;
 
 /// What was wrong with a tick.

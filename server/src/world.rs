@@ -55,6 +55,17 @@ pub struct World {
     touched: bool,
     faults: Vec<Fault>,
     host_copy: Option<HostCopy>,
+    unjudged: Option<Unjudged>,
+}
+
+/// A tick whose end the device is still reducing; see [`World::tick_ahead`].
+struct Unjudged {
+    tick: u64,
+    length_s: f64,
+    substeps: u32,
+    start: Mark,
+    /// Whether the start is in the watchdog's slot for it.
+    saved: bool,
 }
 
 /// A good state in the host's memory, from which a world is rebuilt whose device was lost.
@@ -126,6 +137,7 @@ impl World {
             touched: false,
             faults: Vec::new(),
             host_copy: None,
+            unjudged: None,
             machine,
             report: Arc::default(),
             timings: Arc::default(),
@@ -224,6 +236,7 @@ impl World {
 
     /// Replaces a field of the state, say for a test. Errors: `unknown_field` if the plan doesn't hold it or the length differs.
     pub fn write_field(&mut self, field: Field, values: &[f32]) -> Result<(), ApiError> {
+        self.settle();
         if self.device.write(field, values) {
             self.touched = true;
             Ok(())
@@ -281,6 +294,7 @@ impl World {
 
     /// Keeps the present state in a slot of the caller's choice outside [`Watchdog::slots`]; [`World::restore`] takes what this returns.
     pub fn save(&mut self, slot: usize) -> Mark {
+        self.settle();
         self.on_threads(|world| {
             world.refresh();
             world.device.save(slot);
@@ -291,6 +305,7 @@ impl World {
     /// Goes back to a saved state, from which it continues bit for bit as it did; `false`, and nothing is changed, where the slot is empty.
     /// Its tick number goes on.
     pub fn restore(&mut self, slot: usize, mark: &Mark) -> bool {
+        self.settle();
         let restored = self.on_threads(|world| world.device.restore(slot));
         if restored {
             self.recall(mark);
@@ -307,12 +322,30 @@ impl World {
 
     /// Advances by one tick: the scene's tick length, or an unwatched tick's during spin-up.
     pub fn tick(&mut self) {
-        let length = if self.spinning_up() {
+        self.advance_by(self.tick_length_s());
+    }
+
+    /// Advances by one tick as [`World::tick`] does, to the same bits, but on a device that lags leaves the tick's end to be judged while the
+    /// device computes the next tick's first substep, so that it never stands idle between two ticks. Call [`World::settle`] before
+    /// anything is made of the tick: until then its numbers are those of the tick before.
+    pub fn tick_ahead(&mut self) {
+        let (length_s, ahead) = (self.tick_length_s(), self.device.lags() && self.has_flow());
+        self.on_threads(|world| world.advance_here(length_s, ahead));
+    }
+
+    /// Judges a tick that [`World::tick_ahead`] left unjudged; does nothing otherwise.
+    pub fn settle(&mut self) {
+        if self.unjudged.is_some() {
+            self.on_threads(|world| world.settle_here(true));
+        }
+    }
+
+    fn tick_length_s(&self) -> f64 {
+        if self.spinning_up() {
             self.unwatched_tick_s()
         } else {
             self.scene.time.tick_s
-        };
-        self.advance_by(length);
+        }
     }
 
     /// Ticks until `simulated_s`, or until the watchdog halts the world; the last tick may be shorter. `progress` is told the simulated
@@ -329,25 +362,95 @@ impl World {
     /// Advances by `length_s` simulated seconds as one tick, in as many equal substeps as stability asks for. A tick that the
     /// watchdog rejects is tried again with shorter substeps, or ends in an earlier good state; a halted world stays as it is.
     pub fn advance_by(&mut self, length_s: f64) {
-        self.on_threads(|world| world.advance_here(length_s));
+        self.on_threads(|world| world.advance_here(length_s, false));
     }
 
-    fn advance_here(&mut self, length_s: f64) {
+    fn advance_here(&mut self, length_s: f64, ahead: bool) {
         if self.is_halted() {
             return;
         }
         let begin = Instant::now();
-        self.refresh();
+        let mut begun = None;
+        if self.unjudged.is_some() && !self.host_copy_is_fresh() {
+            self.settle_here(true);
+        } else if self.unjudged.is_some() {
+            // The tick before is judged while the device computes the first substep of this one.
+            let reductions = self.reductions;
+            self.tick += 1;
+            self.substeps = 0;
+            self.next_substep(length_s, self.watchdog.caution());
+            let first = (self.reductions, self.substep_s);
+            self.reductions = reductions;
+            if self.settle_here(false) {
+                begun = Some(first);
+            } else {
+                // The state is another one now, or the world stands: what was begun is gone.
+                self.tick -= 1;
+            }
+        }
+        if self.is_halted() {
+            return;
+        }
+        if begun.is_none() {
+            self.refresh();
+            self.tick += 1;
+        }
         let start = self.mark();
-        self.tick += 1;
+        let mut saved = false;
+        let tried = self.try_tick(length_s, self.watchdog.caution(), begun, &start, &mut saved, ahead);
+        if ahead && tried.is_ok() {
+            self.unjudged = Some(Unjudged {
+                tick: self.tick,
+                length_s,
+                substeps: self.substeps,
+                start,
+                saved,
+            });
+        } else {
+            self.finish_tick(length_s, tried, start, saved);
+            self.keep_host_copy();
+        }
+        self.tick_ms = begin.elapsed().as_secs_f64() * 1e3;
+    }
+
+    /// Judges the tick that is not judged yet; `false` if it was bad, so that the state is another one than it was. `at_its_end`: nothing was begun since.
+    fn settle_here(&mut self, at_its_end: bool) -> bool {
+        let Some(Unjudged {
+            tick,
+            length_s,
+            substeps,
+            start,
+            saved,
+        }) = self.unjudged.take()
+        else {
+            return true;
+        };
+        let now = (self.tick, self.substeps, self.substep_s);
+        (self.tick, self.substeps) = (tick, substeps);
+        // The clock went on ahead of the judgement, which sets it again.
+        self.simulated_s = start.simulated_s;
+        let judged = self.judge(length_s, &start);
+        let good = judged.is_ok();
+        self.finish_tick(length_s, judged, start, saved);
+        if good && at_its_end {
+            self.keep_host_copy();
+        }
+        if good {
+            (self.tick, self.substeps, self.substep_s) = now;
+        } else {
+            self.tick = now.0;
+        }
+        good
+    }
+
+    /// Keeps what a good tick leaves; what the watchdog rejected is tried again with shorter substeps, undone, or ends the run.
+    fn finish_tick(&mut self, length_s: f64, mut tried: Result<(), Trouble>, start: Mark, mut saved: bool) {
         let mut factor = self.watchdog.caution();
         let mut halvings = 0;
         loop {
-            let mut saved = false;
-            let Err(trouble) = self.try_tick(length_s, factor, &start, &mut saved) else {
+            let Err(trouble) = tried else {
                 self.watchdog.good(&start, saved, self.simulated_s);
-                self.keep_host_copy();
-                break;
+                return;
             };
             if let Some(lost) = self.device_lost() {
                 tracing::error!(tick = self.tick, "{}", lost.message);
@@ -356,7 +459,7 @@ impl World {
                     let message = format!("{}; it could not be rebuilt: {error}", lost.message);
                     self.watchdog.halt(self.tick, Trouble { message, ..lost });
                 }
-                break;
+                return;
             }
             tracing::warn!(tick = self.tick, code = trouble.code, halvings, "{}", trouble.message);
             // A start that is bad itself gets no better by shorter substeps.
@@ -366,6 +469,8 @@ impl World {
                 self.watchdog.retry(self.tick, trouble);
                 halvings += 1;
                 factor *= 0.5;
+                saved = false;
+                tried = self.try_tick(length_s, factor, None, &start, &mut saved, false);
                 continue;
             }
             let fallback = self.watchdog.fall_back(self.tick, start.simulated_s, trouble);
@@ -381,16 +486,13 @@ impl World {
                     trouble.message
                 );
             }
-            break;
+            return;
         }
-        self.tick_ms = begin.elapsed().as_secs_f64() * 1e3;
     }
 
-    /// A device that is gone for good, as trouble.
     /// Copies the state to the host where the device may be lost, when the last copy has become old.
     fn keep_host_copy(&mut self) {
-        let fresh = |copy: &HostCopy| copy.made.elapsed() < HOST_COPY_EVERY;
-        if !self.device.lags() || self.host_copy.as_ref().is_some_and(fresh) {
+        if self.host_copy_is_fresh() {
             return;
         }
         let held = Field::STATE.into_iter().filter(|f| self.plan.fields.contains(f));
@@ -403,6 +505,12 @@ impl World {
                 made: Instant::now(),
             });
         }
+    }
+
+    /// Whether no copy on the host is due: the last one is young, or the device cannot be lost.
+    fn host_copy_is_fresh(&self) -> bool {
+        let fresh = |copy: &HostCopy| copy.made.elapsed() < HOST_COPY_EVERY;
+        !self.device.lags() || self.host_copy.as_ref().is_some_and(fresh)
     }
 
     /// Opens the device again and goes on from the host's copy of the state. Errors: the adapter is gone, or refuses what it gave before.
@@ -426,6 +534,7 @@ impl World {
 
     /// Takes a change of effects over: what both plans hold goes on as it is, what is new starts from the base state. The clock stays.
     pub fn adopt(&mut self, change: Change) {
+        self.settle();
         let Change {
             scene,
             plan,
@@ -475,6 +584,7 @@ impl World {
         self.report = Arc::new(self.plan_report());
     }
 
+    /// A device that is gone for good, as trouble.
     fn device_lost(&self) -> Option<Trouble> {
         let error = self.device.trouble()?;
         Some(Trouble {
@@ -483,30 +593,58 @@ impl World {
         })
     }
 
-    /// One try of a tick. `saved` tells whether the start is in the watchdog's slot for it, so that it can be restored.
-    fn try_tick(&mut self, length_s: f64, factor: f64, start: &Mark, saved: &mut bool) -> Result<(), Trouble> {
+    /// One try of a tick, whose first substep may have been `begun`: what its reductions were and how long it is. `saved` tells whether the start is in the
+    /// watchdog's slot for it, so that it can be restored. Judges the end as well, unless that is left for later (`ahead`).
+    fn try_tick(
+        &mut self,
+        length_s: f64,
+        factor: f64,
+        begun: Option<(Reductions, f64)>,
+        start: &Mark,
+        saved: &mut bool,
+        ahead: bool,
+    ) -> Result<(), Trouble> {
         let bounds = self.watchdog.bounds;
         bounds.start(&self.reductions, &self.vitals)?;
-        let mut done = 0.0;
         self.substeps = 0;
         if self.has_flow() {
+            match begun {
+                Some(first) => (self.reductions, self.substep_s) = first,
+                None => self.next_substep(length_s, factor),
+            }
+            self.device.save_start(self.watchdog.start_slot());
+            *saved = true;
+            let mut done = self.substep_s;
+            self.substeps = 1;
+            bounds.substep(&self.reductions, self.substep_s)?;
             while length_s - done > 1e-6 * length_s {
-                let left = length_s - done;
-                let count = (left / (factor * self.substep_max_s())).ceil().max(1.0);
-                self.substep_s = left / count;
-                self.substep(self.substep_s as f32);
-                if !*saved {
-                    self.device.save_start(self.watchdog.start_slot());
-                    *saved = true;
-                }
-                self.strike();
-                self.reductions = self.device.reduce();
-                self.substeps += 1;
+                self.next_substep(length_s - done, factor);
                 done += self.substep_s;
+                self.substeps += 1;
                 bounds.substep(&self.reductions, self.substep_s)?;
             }
         }
-        self.publish();
+        self.run_publish_passes();
+        if ahead {
+            self.simulated_s += length_s;
+            return Ok(());
+        }
+        self.judge(length_s, start)
+    }
+
+    /// One substep with its reductions: the longest of equal ones that fill `left_s`.
+    fn next_substep(&mut self, left_s: f64, factor: f64) {
+        let count = (left_s / (factor * self.substep_max_s())).ceil().max(1.0);
+        self.substep_s = left_s / count;
+        self.substep(self.substep_s as f32);
+        self.strike();
+        self.reductions = self.device.reduce();
+    }
+
+    /// Judges a tick's end and moves the clock.
+    fn judge(&mut self, length_s: f64, start: &Mark) -> Result<(), Trouble> {
+        let bounds = self.watchdog.bounds;
+        self.take_verdict();
         if let Some(lost) = self.device_lost() {
             return Err(lost);
         }
@@ -624,8 +762,12 @@ impl World {
     }
 
     fn run_phase(&mut self, phase: usize, substep: &Substep) {
+        let last = substep.stage + 1 == substep.stages;
         for i in 0..self.passes[phase].len() {
-            self.run(self.passes[phase][i], substep);
+            let pass = self.passes[phase][i];
+            if last || !pass.ends_substep() {
+                self.run(pass, substep);
+            }
         }
     }
 
@@ -674,7 +816,13 @@ impl World {
         self.reductions = self.device.reduce();
     }
 
+    /// Computes what is published of the state, and what it is judged by.
     fn publish(&mut self) {
+        self.run_publish_passes();
+        self.take_verdict();
+    }
+
+    fn run_publish_passes(&mut self) {
         self.run_phase(
             2,
             &Substep {
@@ -683,8 +831,10 @@ impl World {
                 stages: 1,
             },
         );
-        // A tick is judged before anything is built on it.
-        self.device.settle();
+        self.device.judge();
+    }
+
+    fn take_verdict(&mut self) {
         self.vitals = self.device.vitals();
         self.cloud = self.device.reduce_cloud();
         for &pass in &self.plan.passes {
@@ -696,6 +846,7 @@ impl World {
 
     /// Adds a uniform wind to the whole box; the base and geostrophic winds move with it, so that it stays.
     pub fn add_wind(&mut self, x_m_s: f64, y_m_s: f64) {
+        self.settle();
         for (field, add) in [(Field::VelocityX, x_m_s), (Field::VelocityY, y_m_s)] {
             if let Some(values) = self.device.read(field) {
                 let moved: Vec<f32> = values.iter().map(|v| v + add as f32).collect();

@@ -575,6 +575,8 @@ passes! {
         reads [Water, SlowWater, DepartureX, DepartureY, DepartureZ] writes [NextWater] within INTERPOLATED "carries water, cubic interpolation";
     FixWater "mass_fixer:water" Stage needs [Moisture] unless None, rungs [SemiLagrangianLinear, MacCormack, SemiLagrangianCubic],
         reads [Water, SlowWater] writes [NextWater] within SUMMED "gives total water its sum again, in proportion to what is there";
+    FillWater "hole_filler:water" Stage needs [Moisture, Flow] unless None,
+        reads [] writes [NextWater] within SAME "takes what total water is short of below zero from its own column; once a substep";
     CloudyAscent "cloudy_ascent" Stage needs [Moisture] unless None, rungs [SaturationAdjustment],
         reads [VelocityZ, CloudWater] writes [NextHeat] within SAME "what liquid-water potential temperature loses as cloudy air rises; after it has been carried";
     SaturationNext "saturation_adjustment:next" Stage needs [Moisture] unless None, rungs [SaturationAdjustment, SemiLagrangianLinear, MacCormack, SemiLagrangianCubic],
@@ -627,7 +629,16 @@ impl Pass {
             self,
             Pass::PressureJacobi | Pass::PressureRedBlackSor | Pass::PressureMultigrid
         );
-        adds || starts_from_last || matches!(self, Pass::Project | Pass::CloudyAscent | Pass::FixWater)
+        adds || starts_from_last
+            || matches!(
+                self,
+                Pass::Project | Pass::CloudyAscent | Pass::FixWater | Pass::FillWater
+            )
+    }
+
+    /// Whether it runs in a substep's last stage alone, whose result is the state that stays.
+    pub fn ends_substep(self) -> bool {
+        self == Pass::FillWater
     }
 
     /// Bytes a cell that it must move where `planned` fields are held: each value once, neighbours from cache. A pass of the lowest level alone moves
@@ -643,6 +654,8 @@ impl Pass {
             Pass::PressureJacobi => 20 + 12 + 8,
             Pass::PressureRedBlackSor => 40 + 16,
             Pass::PressureMultigrid => 40 + 80,
+            // It looks; what is negative is rare.
+            Pass::FillWater => 4,
             _ => 4 * count(info.reads) + if self.changes() { 8 } else { 4 } * count(info.writes),
         }
     }

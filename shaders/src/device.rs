@@ -90,15 +90,15 @@ pub trait Device: Send {
     fn read(&self, field: Field) -> Option<Cow<'_, [f32]>>;
     /// Replaces a field's values; `false` (and nothing written) if the plan doesn't hold the field or the length differs.
     fn write(&mut self, field: Field, values: &[f32]) -> bool;
-    /// Reductions over the cloud, valid after the publish passes and after [`Device::vitals`]; none if the plan has no cloud. Lags as
-    /// [`Device::reduce`] does.
+    /// Reductions over the cloud, of the last [`Device::judge`] and valid after [`Device::vitals`]; none if the plan has no cloud.
     fn reduce_cloud(&mut self) -> Option<CloudReductions>;
     /// Whether reductions are answered one call late, so that nothing waits.
     fn lags(&self) -> bool {
         false
     }
-    /// Makes the next [`Device::vitals`] those of the state as it is then, and the cloud's reductions with them.
-    fn settle(&mut self) {}
+    /// Starts to reduce what a tick's end is judged by: the state, the cloud and the extinction as they are now, once the publish passes have run.
+    /// Waits for nothing.
+    fn judge(&mut self);
     /// How often a pass ran and how long in all, s, where the device has a clock of its own.
     fn pass_time(&self, _pass: Pass) -> Option<(u64, f64)> {
         None
@@ -116,7 +116,7 @@ pub trait Device: Send {
     fn set_parameters(&mut self, parameters: &Parameters);
     /// Bytes held beside fields: a pressure solver's factors and spectra.
     fn solver_bytes(&self) -> usize;
-    /// What a tick's end is judged by; the extinction counts once the publish passes have run. Lags as [`Device::reduce`] does.
+    /// What the last [`Device::judge`] found. Waits for it where the device lags, for nothing that was begun since.
     fn vitals(&mut self) -> Vitals;
     /// Copies what a continuation needs, the fields of the state, to `slot`: a place on the device, made at the first use.
     fn save(&mut self, slot: usize);

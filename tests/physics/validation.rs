@@ -38,17 +38,32 @@ fn bubbles_meet_their_aims() {
 }
 
 #[test]
-fn the_density_current_misses_its_front_alone() {
-    // It converges to 15.16 km, 2.4 % short of the compressible reference; everything else agrees. A front that meets the aim would be news.
+fn the_density_current_meets_its_aims_but_for_what_is_anelastic() {
     let report = quick("density-current");
-    assert_eq!(missed(&report), ["front, 100 m"]);
-    let front = report
+    assert!(missed(&report).is_empty(), "{:?}", missed(&report));
+    let of = |what: &str| {
+        let figure = report.findings.figures.iter().find(|f| f.what == what);
+        figure.unwrap_or_else(|| panic!("no {what}")).ours
+    };
+    // It converges to 15.16 km, 2.4 % short of the published compressible solution; at the full lengths a compressible flow of ours comes to 15.42 km at
+    // 100 m and says whose the difference is.
+    let front = of("front, 100 m");
+    assert!((15_100.0..15_220.0).contains(&front), "{front} m");
+    let compressible = of("front, compressible, 400 m");
+    assert!((15_200.0..15_350.0).contains(&compressible), "{compressible} m");
+}
+
+#[test]
+fn the_tunnels_cloud_goes_with_the_mean_wind_of_its_water() {
+    let report = quick("wind-tunnel");
+    assert!(missed(&report).is_empty(), "{:?}", missed(&report));
+    let way = report
         .findings
         .figures
         .iter()
-        .find(|f| f.what == "front, 100 m")
-        .expect("a front");
-    assert!((15_100.0..15_220.0).contains(&front.ours), "{} m", front.ours);
+        .find(|f| f.what.starts_with("way of the cloud"));
+    // Air of 2 m/s and more for two minutes.
+    assert!(way.is_some_and(|f| f.ours > 200.0), "nothing drifts: {way:?}");
 }
 
 #[test]

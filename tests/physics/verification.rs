@@ -1,5 +1,8 @@
 //! Verification of the dynamics as a whole: order in time, rest, budgets with every named source, the moist adiabat.
 
+mod common;
+
+use common::{air, noise};
 use welkin_proto::scene::BaseState as SceneBase;
 use welkin_proto::{Scene, presets};
 use welkin_server::base_state::{self, Adiabat};
@@ -9,8 +12,8 @@ use welkin_shaders::catalogue::{Field, Pass};
 use welkin_shaders::constants as c;
 use welkin_shaders::cpu::Cpu;
 use welkin_shaders::cpu::sim::parameters::Methods;
-use welkin_shaders::cpu::sim::saturation_adjustment;
-use welkin_shaders::{Device, Substep};
+use welkin_shaders::cpu::sim::{hole_filler, saturation_adjustment};
+use welkin_shaders::{Device, Grid, Substep};
 
 const OMAHA: &str = include_str!("../fixtures/soundings/oax_2014-06-16_19z.spc.txt");
 const NORMAN: &str = include_str!("../fixtures/soundings/oun_2018-12-22_12z.uwyo.html");
@@ -335,4 +338,73 @@ fn a_moist_adiabat_is_steady_in_rising_air() {
             "level {z}: {left} K is left of {alone} K"
         );
     }
+}
+
+#[test]
+fn holes_are_filled_from_their_own_column() {
+    let grid = Grid {
+        cells: [37, 5, 19],
+        cell_size_m: [100.0; 3],
+    };
+    let p = air(grid, Some(800.0));
+    let plane = grid.plane();
+    // A third of the cells is below zero; every fifth column has none, every seventh nothing else.
+    let before: Vec<f32> = (0..grid.len())
+        .map(|i| match (i % plane % 5, i % plane % 7) {
+            (0, _) => 1e-3 * noise(i).abs(),
+            (_, 0) => -1e-3 * noise(i).abs(),
+            _ => 1e-3 * (noise(i) + 0.3),
+        })
+        .collect();
+    let mut after = before.clone();
+    hole_filler::run(&p, &mut vec![0.0; plane], &mut vec![[0.0; 2]; 19], &mut after);
+    let column = |values: &[f32], at: usize| -> Vec<f32> { values.iter().skip(at).step_by(plane).copied().collect() };
+    let mass = |values: &[f32]| -> f64 {
+        let cells = values.iter().zip(&p.density_kg_m3);
+        cells.map(|(&q, &density)| f64::from(q) * f64::from(density)).sum()
+    };
+    let mut filled = 0;
+    for at in 0..plane {
+        let (old, new) = (column(&before, at), column(&after, at));
+        // 19 cells of 1e-3 at most and densities near 1: the rounding of as many sums.
+        assert!(
+            (mass(&new) - mass(&old)).abs() < 3e-9,
+            "column {at} gained {:e}",
+            mass(&new) - mass(&old)
+        );
+        if old.iter().all(|&q| q >= 0.0) {
+            assert_eq!(old, new, "column {at} had nothing to fill");
+        } else if mass(&old) > 0.0 {
+            filled += 1;
+            assert!(new.iter().all(|&q| q >= 0.0), "column {at}: {new:?}");
+        } else {
+            assert!(
+                new[1..].iter().all(|&q| q == 0.0) && new[0] < 0.0,
+                "column {at}: {new:?}"
+            );
+        }
+    }
+    assert!(filled > plane / 3, "only {filled} columns were tried");
+}
+
+#[test]
+fn dry_air_beside_moist_air_stays_without_negative_water() {
+    let mut scene = preset("warm-bubble");
+    scene.domain.cells = [24, 24, 32];
+    if let SceneBase::ConstantStability { relative_humidity, .. } = &mut scene.base_state {
+        *relative_humidity = 0.0;
+    }
+    let mut world = World::new(scene, None).expect("a world");
+    let before = sum(&world, Field::Water);
+    let (mut least, mut updraught_m_s) = (f32::MAX, 0.0f64);
+    for _ in 0..20 {
+        world.advance_by(20.0);
+        updraught_m_s = updraught_m_s.max(world.numbers().updraught_max_m_s);
+        least = field(&world, Field::Water).into_iter().fold(least, f32::min);
+    }
+    assert!(updraught_m_s > 1.0, "{updraught_m_s} m/s: nothing moves");
+    assert_eq!(least, 0.0, "the driest air");
+    // Every column gives for itself, so the sum changes by rounding alone: 32-bit values, some hundred stages.
+    let drift = sum(&world, Field::Water) / before - 1.0;
+    assert!(drift.abs() < 1e-5, "water drifts by {drift:e}");
 }

@@ -229,11 +229,11 @@ fn a_named_method_is_run_or_refused() {
             Ok(plan) => {
                 assert!(rung.is_there());
                 assert_eq!(plan.chosen.choices[0].rung, rung);
-                // Each quantity is carried once; the wind is projected after, and cloudy air's heat corrected.
+                // Each quantity is carried once; the wind is projected after, cloudy air's heat corrected, water fixed and filled.
                 for field in [Field::NextHeat, Field::NextWater, Field::NextVelocityZ] {
                     let writers = plan.phase(Phase::Stage).into_iter().filter(|p| {
                         p.info().writes.contains(&field)
-                            && ![Pass::Project, Pass::CloudyAscent, Pass::FixWater].contains(p)
+                            && ![Pass::Project, Pass::CloudyAscent, Pass::FixWater, Pass::FillWater].contains(p)
                     });
                     assert_eq!(writers.count(), 1, "{wanted}: {}", field.name());
                 }

@@ -295,3 +295,68 @@ fn effects_change_while_a_world_runs_on_either_device() {
         assert_eq!(world.numbers().retries, 0);
     }
 }
+
+#[test]
+fn a_tick_that_is_judged_during_the_next_gives_the_same_bits() {
+    if adapter("a_tick_that_is_judged_during_the_next_gives_the_same_bits").is_none() {
+        return;
+    }
+    use welkin_proto::wire::HealthState;
+    use welkin_server::watchdog::{Damage, Fault};
+    let fault = |field, damage, strikes| Fault {
+        tick: 3,
+        substep: 0,
+        field,
+        damage,
+        strikes,
+    };
+    // Nothing; what a retry gets over; what only the tick's end shows; what no retry gets over.
+    let faults = [
+        None,
+        Some(fault(Field::VelocityZ, Damage::Cell(700, f32::NAN), 1)),
+        Some(fault(Field::Water, Damage::Scale(0.5), 1)),
+        Some(fault(Field::Heat, Damage::Cell(700, f32::NAN), 9)),
+    ];
+    for (n, fault) in faults.into_iter().enumerate() {
+        let [waiting, ahead] = [false, true].map(|ahead| {
+            let mut world = World::new(cumulus([12, 10, 20]), gpu()).expect("a world");
+            if let Some(fault) = fault {
+                world.inject(fault);
+            }
+            for _ in 0..8 {
+                if ahead { world.tick_ahead() } else { world.tick() }
+            }
+            world.settle();
+            world
+        });
+        let numbers = [&waiting, &ahead].map(|world| {
+            let numbers = world.numbers();
+            (
+                numbers.tick,
+                numbers.simulated_s,
+                numbers.retries,
+                numbers.restores,
+                numbers.health,
+                numbers.trouble_code,
+            )
+        });
+        assert_eq!(numbers[0], numbers[1], "fault {n}");
+        let (_, _, retries, restores, health, _) = &numbers[0];
+        match n {
+            0 => assert_eq!((*retries, *restores, *health), (0, 0, HealthState::Good)),
+            1 | 2 => assert_eq!((*retries, *restores, *health), (1, 0, HealthState::Good)),
+            _ => assert_eq!((*restores, *health), (1, HealthState::Degraded)),
+        }
+        for which in Field::STATE {
+            assert!(
+                field(&waiting, which) == field(&ahead, which),
+                "fault {n}: {}",
+                which.name()
+            );
+        }
+        assert_eq!(
+            waiting.numbers().total_water_path_kg_m2,
+            ahead.numbers().total_water_path_kg_m2
+        );
+    }
+}

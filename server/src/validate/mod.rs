@@ -5,7 +5,9 @@
 
 mod bomex;
 mod bubbles;
+mod compressible;
 mod density_current;
+mod wind_tunnel;
 
 use std::borrow::Cow;
 use std::time::Instant;
@@ -194,6 +196,12 @@ pub const CASES: &[Case] = &[
         what: "a cold bubble falls and runs along the ground",
         source: "Straka et al. (1993), compressible reference at 25 m",
         run: density_current::run,
+    },
+    Case {
+        name: "wind-tunnel",
+        what: "a fan drives a cloud through a tunnel, by the stable-fluids solver and by flux form",
+        source: "seed 004, chapter 7; it prints no figures",
+        run: wind_tunnel::run,
     },
     Case {
         name: "bomex",

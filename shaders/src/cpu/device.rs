@@ -24,7 +24,12 @@ pub struct Cpu {
     levels: Vec<Reductions>,
     cloud_levels: Vec<reduce_cloud::Level>,
     vital_levels: Vec<Vitals>,
+    /// What the last judgement found.
+    vitals: Vitals,
+    cloud: Option<CloudReductions>,
     sum_levels: Vec<[f64; 2]>,
+    /// One number a column, for what it wants on the way up and down.
+    columns: Vec<f32>,
     solver: Option<Solver>,
     /// Two fields for the implicit diffusion's sweeps; empty without it.
     diffusion: [Vec<f32>; 2],
@@ -88,8 +93,15 @@ impl Cpu {
             },
             levels: vec![Reductions::default(); grid.cells[2]],
             sum_levels: vec![[0.0; 2]; grid.cells[2]],
+            columns: if planned.contains(&Field::NextWater) {
+                vec![0.0; grid.plane()]
+            } else {
+                Vec::new()
+            },
             cloud_levels: vec![reduce_cloud::Level::default(); grid.cells[2]],
             vital_levels: vec![Vitals::default(); grid.cells[2]],
+            vitals: Vitals::default(),
+            cloud: None,
             solver: planned.contains(&Field::Pressure).then(|| Solver::new(&parameters)),
             diffusion: match &parameters.constant_viscosity {
                 Some(mixing) if mixing.scheme == DiffusionScheme::Implicit => {
@@ -318,6 +330,14 @@ impl Device for Cpu {
                     mass_fixer::run(&d.parameters, before, &mut levels, out);
                 });
                 self.sum_levels = levels;
+            }
+            Pass::FillWater => {
+                let (mut levels, mut columns) =
+                    (std::mem::take(&mut self.sum_levels), std::mem::take(&mut self.columns));
+                self.writing([Field::NextWater], |d, [out]| {
+                    hole_filler::run(&d.parameters, &mut columns, &mut levels, out);
+                });
+                (self.sum_levels, self.columns) = (levels, columns);
             }
             Pass::LinearHeat => self.carry(
                 Rung::SemiLagrangianLinear,
@@ -566,17 +586,32 @@ impl Device for Cpu {
         true
     }
 
-    fn reduce_cloud(&mut self) -> Option<CloudReductions> {
-        let cloud = self.fields.planned(Field::CloudWater)?;
-        let wind = [Field::VelocityX, Field::VelocityY].map(|f| self.fields.get(f));
-        Some(reduce_cloud::run(
+    fn judge(&mut self) {
+        let mut levels = std::mem::take(&mut self.vital_levels);
+        self.vitals = vitals::run(
             &self.parameters,
-            cloud,
+            self.velocity(),
+            self.fields.get(Field::Heat),
             self.fields.get(Field::Water),
             self.fields.get(Field::Extinction),
-            wind,
-            &mut self.cloud_levels,
-        ))
+            &mut levels,
+        );
+        self.vital_levels = levels;
+        let wind = [Field::VelocityX, Field::VelocityY].map(|f| self.fields.get(f));
+        self.cloud = self.fields.planned(Field::CloudWater).map(|cloud| {
+            reduce_cloud::run(
+                &self.parameters,
+                cloud,
+                self.fields.get(Field::Water),
+                self.fields.get(Field::Extinction),
+                wind,
+                &mut self.cloud_levels,
+            )
+        });
+    }
+
+    fn reduce_cloud(&mut self) -> Option<CloudReductions> {
+        self.cloud
     }
 
     fn set_parameters(&mut self, parameters: &Parameters) {
@@ -588,17 +623,7 @@ impl Device for Cpu {
     }
 
     fn vitals(&mut self) -> Vitals {
-        let mut levels = std::mem::take(&mut self.vital_levels);
-        let vitals = vitals::run(
-            &self.parameters,
-            self.velocity(),
-            self.fields.get(Field::Heat),
-            self.fields.get(Field::Water),
-            self.fields.get(Field::Extinction),
-            &mut levels,
-        );
-        self.vital_levels = levels;
-        vitals
+        self.vitals
     }
 
     fn save(&mut self, slot: usize) {

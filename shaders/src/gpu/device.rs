@@ -368,7 +368,7 @@ impl Device for Gpu {
         self.holds(Field::CloudWater).then(|| self.readback.borrow().cloud())
     }
 
-    fn vitals(&mut self) -> Vitals {
+    fn judge(&mut self) {
         let shared = [&self.sim, &self.steps[0], &self.profiles];
         let with = |fields: &[Field]| -> Vec<&wgpu::Buffer> {
             let fields = fields.iter().enumerate().map(|(n, f)| &self.memory(*f, n).buffer);
@@ -390,6 +390,9 @@ impl Device for Gpu {
         if let (Some(staged), Some(submission)) = (staged, self.submit()) {
             self.readback.borrow_mut().submitted(staged, submission);
         }
+    }
+
+    fn vitals(&mut self) -> Vitals {
         let has_water = self.holds(Field::Water);
         self.readback
             .borrow_mut()
@@ -489,10 +492,6 @@ impl Device for Gpu {
 
     fn lags(&self) -> bool {
         true
-    }
-
-    fn settle(&mut self) {
-        self.readback.borrow_mut().settle();
     }
 
     fn pass_time(&self, pass: Pass) -> Option<(u64, f64)> {

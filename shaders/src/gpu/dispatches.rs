@@ -258,6 +258,7 @@ pub fn dispatches(pass: Pass) -> &'static [Dispatch] {
             "sim/mass_fixer" "join" One [Nothing, Nothing, Writes(Work::Levels)];
             "sim/mass_fixer" "main" Cells [Nothing, Nothing, Writes(Work::Levels), Change(NextWater)]
         ),
+        Pass::FillWater => dispatches!("sim/hole_filler" "main" Ground [Change(NextWater)]),
         Pass::LinearHeat => {
             semi_lagrangian!("sim/semi_lagrangian_linear" "centre" [Heat SlowHeat NextHeat] Nothing)
         }
@@ -429,6 +430,7 @@ pub fn bytes_per_cell(pass: Pass, planned: &[Field]) -> u64 {
         // Means 8, load 24, store 8, and one sweep; each further one moves 12 or 24 more.
         Pass::PressureJacobi => 40 + 12,
         Pass::PressureRedBlackSor => 40 + 24,
+        Pass::FillWater => pass.bytes_per_cell(planned),
         // The explicit scheme; the implicit one moves 24, and 12 more each sweep beyond the first.
         Pass::ConstantViscosityMomentum | Pass::ConstantViscosityHeat | Pass::ConstantViscosityWater => {
             pass.bytes_per_cell(planned)

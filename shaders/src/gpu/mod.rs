@@ -67,6 +67,7 @@ modules! {
     "sim/semi_lagrangian_cubic" constants [] structs [];
     "sim/mac_cormack" constants [] structs [];
     "sim/mass_fixer" constants [] structs [];
+    "sim/hole_filler" constants [] structs [];
     "sim/constant_viscosity" constants [] structs [];
     "sim/pressure_source" constants [] structs [];
     "sim/pressure_jacobi" constants [] structs [];

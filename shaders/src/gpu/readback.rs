@@ -1,7 +1,7 @@
 //! What comes back from the GPU unasked: a tick's few numbers and the passes' times, through rings of staging buffers.
 //!
-//! A block that is staged now is read when the next one has been staged, so that reading waits only for work that lies one submission back. After
-//! [`Readback::forget`] the next answer waits for its own block.
+//! A substep's block that is staged now is read when the next one has been staged, so that reading waits only for work that lies one submission back. After
+//! [`Readback::forget`] the next answer waits for its own block. A tick's end is read when it is asked for.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -274,18 +274,10 @@ impl Readback {
     /// The next answers are of the state as it is when they are asked for.
     pub(super) fn forget(&mut self) {
         self.state.fresh = true;
-        self.tick.fresh = true;
     }
 
-    /// The next numbers of a tick's end are those of the tick that is asked for.
-    pub(super) fn settle(&mut self) {
-        self.tick.fresh = true;
-    }
-
-    /// Blocks that are due: all but the newest, which is still being computed, or all of them where a fresh answer is wanted.
-    fn arrived(pending: &mut Pending, context: &Context) -> Vec<(Staged, Vec<u8>)> {
-        let leave = usize::from(!pending.fresh);
-        pending.fresh = false;
+    /// Blocks that are due: all but the newest `leave`, which are still being computed.
+    fn arrived(pending: &mut Pending, leave: usize, context: &Context) -> Vec<(Staged, Vec<u8>)> {
         let mut blocks = Vec::new();
         while pending.flights.len() > leave {
             let Some(flight) = pending.flights.pop_front() else {
@@ -310,7 +302,9 @@ impl Readback {
 
     /// The newest reductions that have arrived.
     pub(super) fn reductions(&mut self, context: &Context) -> Reductions {
-        for (staged, bytes) in Self::arrived(&mut self.state, context) {
+        // Where a fresh answer is wanted, all of them.
+        let leave = usize::from(!std::mem::take(&mut self.state.fresh));
+        for (staged, bytes) in Self::arrived(&mut self.state, leave, context) {
             let block: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes[..BLOCK_BYTES as usize]);
             let number = |place: usize| f32::from_bits(block[place]);
             self.reductions = Reductions {
@@ -345,9 +339,9 @@ impl Readback {
         self.judge.record(&mut pass, context, &buffers, groups);
     }
 
-    /// The newest numbers of a tick's end that have arrived.
+    /// The numbers of the tick's end that was staged last.
     pub(super) fn tick(&mut self, context: &Context, parameters: &Parameters, has_water: bool) -> Vitals {
-        if let Some((_, bytes)) = Self::arrived(&mut self.tick, context).pop() {
+        if let Some((_, bytes)) = Self::arrived(&mut self.tick, 0, context).pop() {
             let head: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes[..32]);
             let sums: Vec<f32> = bytemuck::pod_collect_to_vec(&bytes[32..]);
             let levels: Vec<Level> = sums

@@ -15,6 +15,7 @@ pub mod diffuse_momentum;
 pub mod diffuse_scalar;
 pub mod dry_buoyancy;
 pub mod eddy_viscosity;
+pub mod hole_filler;
 pub mod large_scale;
 pub mod mac_cormack;
 pub mod mass_fixer;
