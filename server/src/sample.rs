@@ -98,17 +98,24 @@ impl Moments {
         &self.first
     }
 
+    fn between(&self, of: fn(&Weather) -> f64) -> f64 {
+        let from = of(&self.first);
+        let second = self.second.as_ref();
+        second.map_or(from, |(b, share)| from + share * (of(b) - from))
+    }
+
+    /// Simulated date and time, Unix seconds.
+    pub fn utc_unix_s(&self) -> f64 {
+        self.between(|w| w.utc_unix_s)
+    }
+
     /// What an answer says of its moment.
     pub fn moment(&self) -> Moment {
-        let between = |from: f64, to: fn(&Weather) -> f64| {
-            let second = self.second.as_ref();
-            second.map_or(from, |(b, share)| from + share * (to(b) - from))
-        };
         Moment {
             tick: self.first.tick,
-            simulated_s: between(self.first.simulated_s, |w| w.simulated_s),
-            utc: welkin_proto::time::format_utc(between(self.first.utc_unix_s, |w| w.utc_unix_s)),
-            wall_unix_s: between(self.first.wall_unix_s, |w| w.wall_unix_s),
+            simulated_s: self.between(|w| w.simulated_s),
+            utc: welkin_proto::time::format_utc(self.utc_unix_s()),
+            wall_unix_s: self.between(|w| w.wall_unix_s),
         }
     }
 }

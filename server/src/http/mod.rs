@@ -2,6 +2,7 @@
 //! made, so that no path can be served and be missing in the document.
 
 mod checks;
+mod edr;
 mod error;
 mod extract;
 mod healthz;
@@ -91,6 +92,7 @@ pub fn routes() -> Vec<Route> {
         world_volume_bin::route(),
         render::route(),
     ];
+    routes.extend(edr::routes());
     routes.sort_by_key(|r| (r.path, r.method));
     routes
 }

@@ -1,11 +1,13 @@
 //! `GET /` and `GET /web/{name}`: the web page, which is part of the binary.
 
-use axum::http::{HeaderName, header};
+use axum::Json;
+use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
 use axum::response::{IntoResponse, Response};
 use welkin_proto::ApiError;
 
+use super::edr::{Base, landing, wants_json};
 use super::error::Refusal;
-use super::extract::NameOf;
+use super::extract::{NameOf, Pairs};
 use super::route::{Place, Route};
 
 const INDEX: &str = include_str!("../../../client/web/index.html");
@@ -40,11 +42,25 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'u
 
 /// The page.
 pub fn route() -> Route {
-    Route::get("/", "The web page", async || file("text/html; charset=utf-8", INDEX)).bytes(
-        200,
-        "The page.",
-        &["text/html"],
+    Route::get(
+        "/",
+        "The web page; for programs the landing page of the weather service (OGC API EDR)",
+        page,
     )
+    .parameter::<String>(Place::Query, "f", "`json` for the landing page; else `Accept` decides.")
+    .bytes(200, "The page.", &["text/html", "application/json"])
+    .error("bad_query")
+}
+
+async fn page(headers: HeaderMap, Base(base): Base, Pairs(pairs): Pairs) -> Response {
+    let mut answer = match wants_json(&headers, &pairs) {
+        true => Json(landing(&base)).into_response(),
+        false => file("text/html; charset=utf-8", INDEX),
+    };
+    answer
+        .headers_mut()
+        .append(header::VARY, HeaderValue::from_static("accept"));
+    answer
 }
 
 /// A file of the page.

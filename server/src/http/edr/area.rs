@@ -1,0 +1,90 @@
+//! `GET /collections/{id}/area`: the world's own cells in a polygon; null in those of its bounding box that are not in it.
+
+use axum::extract::State;
+use axum::response::Response;
+use welkin_proto::ApiError;
+
+use super::coverage::answer;
+use super::grid::{Axes, centres_within, cover};
+use super::query;
+use super::wkt::{self, Geometry, Vertex};
+use crate::http::error::Refusal;
+use crate::http::extract::{Pairs, WorldOf};
+use crate::http::route::{Place, Route};
+use crate::http::sampling;
+use crate::http::state::AppState;
+
+/// The route.
+pub fn route() -> Route {
+    Route::get("/collections/{id}/area", "The cells in a polygon (OGC API EDR)", area)
+        .edr_query()
+        .parameter::<String>(
+            Place::Query,
+            "coords",
+            "`POLYGON((lon lat, ...))`, with holes if need be. Cells whose centres lie in it are answered.",
+        )
+        .edr_z("Altitudes above mean sea level, m: one, a list, `low/high`, or `Rn/low/step`; all levels.")
+        .edr_datetime("A simulated instant, or `from/to` for all that are kept; the newest.")
+}
+
+async fn area(State(state): State<AppState>, WorldOf(host): WorldOf, Pairs(pairs): Pairs) -> Result<Response, Refusal> {
+    let view = host.view().clone();
+    drop(host); // the world may be stopped meanwhile
+    let asked = query::parse(&pairs, &["coords", "z", "datetime"], &view)?;
+    let Geometry::Polygon(rings) = wkt::parse(query::coords(&asked)?, state.limits().sample_points_max)? else {
+        return Err(ApiError::new("bad_coords", "`area` takes a POLYGON")
+            .at("/coords")
+            .into());
+    };
+    let corners = || rings.iter().flatten().map(|v| v.longitude_latitude_deg);
+    let bounds = |axis: usize| {
+        corners().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], c| {
+            [low.min(c[axis]), high.max(c[axis])]
+        })
+    };
+    let ([west, east], [south, north]) = (bounds(0), bounds(1));
+    let [x_m, y_m] = centres_within(&view, west, south, east, north);
+    // The polygon may be written on the other side of the date line.
+    let turned = move |rings: &[Vec<Vertex>], longitude: f64, latitude: f64| {
+        [0.0, -360.0, 360.0]
+            .iter()
+            .any(|turn| is_within(rings, [longitude + turn, latitude]))
+    };
+    let any = x_m.iter().any(|&x| {
+        y_m.iter().any(|&y| {
+            let [latitude, longitude, _] = view.geography.latitude_longitude_altitude([x, y, 0.0]);
+            turned(&rings, longitude, latitude)
+        })
+    });
+    if !any {
+        let message = "no cell has its centre in the polygon; see the collection's extent";
+        return Err(ApiError::new("outside_domain", message).at("/coords").into());
+    }
+    let z_m = query::levels_m(&asked.heights, &view)?;
+    let past = query::past(&view, &asked.quantities).await?;
+    let moments = query::moments(&past, asked.times)?;
+    let axes = Axes { x_m, y_m, z_m };
+    let places = axes.x_m.len() * axes.y_m.len() * axes.z_m.len();
+    query::check_values(
+        places,
+        moments.len(),
+        asked.quantities.len(),
+        state.limits().edr_values_max,
+    )?;
+    let work = move || {
+        cover(&view, &axes, &moments, &asked.quantities, |longitude, latitude| {
+            turned(&rings, longitude, latitude)
+        })
+    };
+    Ok(answer(sampling::work(&state, work).await?))
+}
+
+/// Whether a place is in the outer ring and in no hole: a line from it to the east crosses an odd number of edges.
+fn is_within(rings: &[Vec<Vertex>], [x, y]: [f64; 2]) -> bool {
+    let edges = rings.iter().flat_map(|ring| ring.windows(2));
+    let crossed = edges.filter(|edge| {
+        let [[x0, y0], [x1, y1]] = [edge[0].longitude_latitude_deg, edge[1].longitude_latitude_deg];
+        (y0 > y) != (y1 > y) && x < x0 + (y - y0) / (y1 - y0) * (x1 - x0)
+    });
+    crossed.count() % 2 == 1
+}
