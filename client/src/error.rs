@@ -32,7 +32,7 @@ pub enum ClientError {
         limit: Duration,
     },
     /// What came back is not HTTP, or more of it than is taken.
-    #[error("the answer to GET {path} cannot be read: {why}")]
+    #[error("the answer of {path} cannot be read: {why}")]
     BadAnswer {
         /// The request's path.
         path: String,

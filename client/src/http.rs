@@ -1,4 +1,4 @@
-//! Just enough of HTTP/1.1 to ask a server for JSON: one GET a connection, with limits on size and time.
+//! Just enough of HTTP/1.1 to ask a server for JSON: one request a connection, with limits on size and time.
 
 use std::time::Duration;
 
@@ -52,12 +52,26 @@ pub async fn list_worlds(server: &ServerUrl) -> Result<Vec<WorldSummary>, Client
 /// Errors: [`ClientError::Unreachable`], [`ClientError::TimedOut`], [`ClientError::BadAnswer`] where the answer is not
 /// HTTP or is too long, [`ClientError::Refused`] for a status other than 2xx.
 pub async fn get_json(server: &ServerUrl, path: &str) -> Result<Vec<u8>, ClientError> {
+    exchange(server, "GET", path, None).await
+}
+
+/// The body of the answer to a POST of a JSON text. Errors: those of [`get_json`].
+pub async fn post_json(server: &ServerUrl, path: &str, body: &str) -> Result<Vec<u8>, ClientError> {
+    exchange(server, "POST", path, Some(body)).await
+}
+
+async fn exchange(server: &ServerUrl, method: &str, path: &str, body: Option<&str>) -> Result<Vec<u8>, ClientError> {
     let mut tcp = open(server).await?;
     let exchange = async {
         let authority = server.authority();
-        let request = format!(
-            "GET {path} HTTP/1.1\r\nHost: {authority}\r\nAccept: application/json\r\nConnection: close\r\n\r\n"
+        let mut request = format!(
+            "{method} {path} HTTP/1.1\r\nHost: {authority}\r\nAccept: application/json\r\nConnection: close\r\n"
         );
+        if let Some(body) = body {
+            request += &format!("Content-Type: application/json\r\nContent-Length: {}\r\n", body.len());
+        }
+        request += "\r\n";
+        request += body.unwrap_or_default();
         let unreachable = |source| ClientError::Unreachable {
             authority: authority.clone(),
             source,
@@ -78,6 +92,15 @@ pub async fn get_json(server: &ServerUrl, path: &str) -> Result<Vec<u8>, ClientE
         what: "answer",
         limit: ANSWER_LIMIT,
     })?
+}
+
+/// The world of that id, or the server's first. Errors: those of [`list_worlds`], [`ClientError::NoWorld`].
+pub(crate) async fn world_or_first(server: &ServerUrl, world: Option<&str>) -> Result<String, ClientError> {
+    if let Some(world) = world {
+        return Ok(world.to_owned());
+    }
+    let first = list_worlds(server).await?.into_iter().next();
+    first.map(|world| world.id).ok_or(ClientError::NoWorld)
 }
 
 /// The server's own error if the body holds one, else one made of the status.

@@ -24,11 +24,12 @@ mod error;
 mod http;
 pub mod load;
 pub mod record;
+pub mod sample;
 mod stream;
 mod url;
 pub mod volume;
 
 pub use error::ClientError;
-pub use http::{get_json, list_worlds};
+pub use http::{get_json, list_worlds, post_json};
 pub use stream::{Event, Events, Frame, FrameWish, Hello, Next, Options, connect};
 pub use url::ServerUrl;

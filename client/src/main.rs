@@ -17,6 +17,8 @@ const EXAMPLES: &str = "Examples:
   welkin-client watch http://127.0.0.1:8080
   welkin-client watch http://127.0.0.1:8080 --save frames --fps 1 --for 10m
   welkin-client watch http://127.0.0.1:8080 --world w2 --json | jq .numbers.updraught_max_m_s
+  welkin-client sample http://127.0.0.1:8080 --at 1600,1600,800 --at 1600,1600,900
+  welkin-client sample http://127.0.0.1:8080 --at 0,0,500 --at 6000,0,500 --step 100 --json
   welkin-client volume http://127.0.0.1:8080 --channels extinction_per_m,wind_z_m_s --mip 2
   welkin-client record http://127.0.0.1:8080 sky.wlkr --for 1m
   welkin-client replay sky.wlkr --speed 10
@@ -35,6 +37,8 @@ enum Subcommands {
     /// Print a world's numbers as they come, and save its frames if asked to; reconnects by itself.
     #[command(after_help = EXAMPLES)]
     Watch(Watch),
+    /// Ask for the air at places, or along a path; once, or again and again.
+    Sample(command::sample::Sample),
     /// Follow a world's volumes and print a line for each; reconnects by itself.
     Volume(command::volume::Volume),
     /// The same, and keep what comes in a file.
@@ -125,6 +129,7 @@ async fn main() -> ExitCode {
             screen.end_line();
             outcome
         }
+        Subcommands::Sample(arguments) => command::sample::sample(&arguments).await,
         Subcommands::Volume(arguments) => command::volume::volume(&arguments).await,
         Subcommands::Record(arguments) => command::volume::record(&arguments).await,
         Subcommands::Replay(arguments) => command::volume::play(&arguments).await,

@@ -275,17 +275,7 @@ pub(crate) async fn handshake(
     world: Option<&str>,
     route: &str,
 ) -> Result<WebSocketStream<TcpStream>, ClientError> {
-    let world = match world {
-        Some(world) => world.to_owned(),
-        None => {
-            http::list_worlds(server)
-                .await?
-                .into_iter()
-                .next()
-                .ok_or(ClientError::NoWorld)?
-                .id
-        }
-    };
+    let world = http::world_or_first(server, world).await?;
     let tcp = http::open(server).await?;
     let url = format!(
         "ws://{}/v1/worlds/{}/{route}",
@@ -409,7 +399,7 @@ fn other_protocol(text: &str) -> Option<ClientError> {
 }
 
 /// A path segment with everything but unreserved characters encoded.
-fn percent_encoded(segment: &str) -> String {
+pub(crate) fn percent_encoded(segment: &str) -> String {
     segment.bytes().fold(String::new(), |mut text, byte| {
         match byte {
             b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'_' | b'.' | b'~' => text.push(char::from(byte)),

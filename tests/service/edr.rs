@@ -378,7 +378,7 @@ async fn every_query_answers_with_what_samples_say() {
     let times = read(
         &server
             .get(&format!(
-                "{base}/cube?bbox=9.999,44.999,10.001,45.001&z=875&datetime=../..&{TWO}"
+                "{base}/cube?bbox=9.998,44.998,10.002,45.002&z=875&datetime=../..&{TWO}"
             ))
             .await,
     );

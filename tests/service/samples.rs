@@ -484,6 +484,55 @@ async fn moving_places_are_answered_in_both_forms_and_agree() {
     assert!(timeout(PATIENCE, ended).await.expect("an end").is_some());
 }
 
+#[tokio::test(flavor = "multi_thread")]
+async fn the_native_client_asks_once_and_follows() {
+    use welkin_client::ClientError;
+    use welkin_client::sample::{Samples, sample};
+    use welkin_proto::sample::SampleRequest;
+    let server = server(Limits::default()).await;
+    pause(&server).await;
+    let url = format!("http://{}", server.address);
+    let request = SampleRequest {
+        positions_m: Some(vec![[0.0, 0.0, 100.0], [900.0, 0.0, 100.0]]),
+        step_m: Some(300.0),
+        ..SampleRequest::default()
+    };
+    let answer = sample(&url, None, &request).await.unwrap();
+    let posted = server.post(SAMPLE, &serde_json::to_value(&request).unwrap()).await;
+    assert_eq!(answer, serde_json::from_slice(&posted.body).unwrap());
+    assert_eq!(answer.distance_m, Some(vec![0.0, 300.0, 600.0, 900.0]));
+    let unknown = SampleRequest {
+        channels: Some(vec!["sunshine".to_owned()]),
+        ..request.clone()
+    };
+    match sample(&url, Some("w1"), &unknown).await {
+        Err(ClientError::Refused(error)) => assert_eq!(error.code, "unknown_channel"),
+        other => panic!("{other:?}"),
+    }
+    let mut samples = Samples::connect(&url, Some("w1")).await.unwrap();
+    samples.place(5, answer.positions_m.clone().unwrap()).await.unwrap();
+    samples.subscribe(&["temperature_k"], 20.0).await.unwrap();
+    let heard = samples.next().await.unwrap();
+    let column: Vec<Option<f32>> = heard.columns[0].iter().map(|&v| Some(v)).collect();
+    assert_eq!((heard.number, &column), (5, &answer.values["temperature_k"]));
+    // What the server does not take is said, and the answers go on.
+    samples.place(6, vec![[f64::NAN; 3]]).await.unwrap();
+    let refused = loop {
+        match samples.next().await {
+            Ok(_) => {}
+            Err(error) => break error,
+        }
+    };
+    assert!(
+        matches!(&refused, ClientError::Refused(error) if error.code == "out_of_range"),
+        "{refused}"
+    );
+    assert_eq!(samples.next().await.unwrap().number, 5);
+    assert!(
+        matches!(Samples::connect(&url, Some("w7")).await, Err(ClientError::Refused(e)) if e.code == "unknown_world")
+    );
+}
+
 /// Processor seconds that this process has used.
 fn processor_s() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap();

@@ -360,3 +360,43 @@ fn a_tick_that_is_judged_during_the_next_gives_the_same_bits() {
         );
     }
 }
+
+#[test]
+fn weather_of_a_gpu_is_that_of_its_own_state_and_a_lost_one_gives_none() {
+    use welkin_proto::Channel;
+    use welkin_server::weather::{FieldSet, Weather};
+    if adapter("weather_of_a_gpu_is_that_of_its_own_state_and_a_lost_one_gives_none").is_none() {
+        return;
+    }
+    let machine = gpu();
+    let mut scene = cumulus([12, 12, 20]);
+    // Cloud from the start: the lower half of the box is moistened beyond saturation.
+    scene.effects.noise = None;
+    let mut world = World::new(scene, machine.clone()).expect("a world");
+    let wet: Vec<f32> = field(&world, Field::Water).iter().map(|w| w * 1.3).collect();
+    world.write_field(Field::Water, &wet).expect("a field of the state");
+    world.advance_by(4.0);
+    let snapshot = world.snapshot();
+    let copied = world.weather(FieldSet::ALL, snapshot.volume.clone()).expect("a device");
+    let weather = Weather::new(copied, 1);
+    let there = |channel| weather.field(channel).expect("the scene has it");
+    let total = there(Channel::TotalWaterKgKg);
+    assert_eq!(total[..], field(&world, Field::Water)[..]);
+    assert_eq!(
+        there(Channel::ExtinctionPerM)[..],
+        snapshot.volume.expect("a cloud").extinction_per_m[..]
+    );
+    // Derived on the host, by the kernel whose twin made the GPU's: the catalogue's tolerance of that pass.
+    let (host, device) = (there(Channel::LiquidWaterKgKg), field(&world, Field::CloudWater));
+    let largest = device.iter().copied().fold(0.0, f32::max);
+    assert!(largest > 1e-4, "{largest} kg/kg is no cloud");
+    let found = largest_difference(&host, &device);
+    assert!(found <= 6e-5 * largest, "{found:e} of {largest:e}");
+    let only_wind = world.weather(FieldSet::of(&[Channel::WindXMS]), weather.volume.clone());
+    let only_wind = Weather::new(only_wind.expect("a device"), 2);
+    assert!(only_wind.field(Channel::WindZMS).is_ok() && only_wind.field(Channel::TemperatureK).is_err());
+
+    let lost = machine.compute.context().expect("a GPU");
+    lost.device.destroy();
+    assert!(world.weather(FieldSet::ALL, weather.volume.clone()).is_none());
+}

@@ -1,6 +1,7 @@
-//! The commands about volumes.
+//! The commands about volumes and samples.
 
 pub mod load;
+pub mod sample;
 pub mod volume;
 
 use welkin_client::ClientError;

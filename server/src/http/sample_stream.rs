@@ -35,7 +35,7 @@ const AFTER_FAILURE: Duration = Duration::from_secs(1);
 /// The route.
 pub fn route() -> Route {
     let summary = "Samples for places that move (WebSocket): text is `SampleClientMessage` and `SampleServerMessage`, \
-                   binary is documented in PROTOCOL.md";
+                   binary as proto/PROTOCOL.md has it";
     Route::get("/v1/worlds/{id}/samples", summary, open)
         .of_world()
         .web_socket()

@@ -51,16 +51,17 @@ async fn cube(State(state): State<AppState>, WorldOf(host): WorldOf, Pairs(pairs
         return Err(ApiError::new("outside_domain", message).at("/bbox").into());
     }
     let z_m = query::levels_m(&asked.heights, &view)?;
-    let past = query::past(&view, &asked.quantities).await?;
-    let moments = query::moments(&past, asked.times)?;
     let axes = Axes { x_m, y_m, z_m };
     let places = axes.x_m.len() * axes.y_m.len() * axes.z_m.len();
+    query::check_values(places, 1, asked.quantities.len(), state.limits().edr_values_max)?;
+    let past = query::past(&view, &asked.quantities).await?;
+    let moments = query::moments(&past, asked.times)?;
     query::check_values(
         places,
         moments.len(),
         asked.quantities.len(),
         state.limits().edr_values_max,
     )?;
-    let work = move || cover(&view, &axes, &moments, &asked.quantities, |_, _| true);
+    let work = move || cover(&view, &axes, &moments, &asked.quantities, None);
     Ok(answer(sampling::work(&state, work).await?))
 }

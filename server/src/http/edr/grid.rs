@@ -50,8 +50,8 @@ fn longitudes_deg(view: &View, x_m: &[f64]) -> Vec<f64> {
     x_m.iter().map(at).collect()
 }
 
-/// All values on the axes at the moments, as a coverage of the type that their lengths call for; `keep` says which columns of cells are answered,
-/// by longitude and latitude. Takes milliseconds and more: call it off the async workers.
+/// All values on the axes at the moments, as a coverage of the type that their lengths call for; `within` says
+/// which columns are answered, x fastest; none stands for all. Takes milliseconds and more: call it off the async workers.
 ///
 /// Errors: those of [`sample::sample`].
 pub fn cover(
@@ -59,7 +59,7 @@ pub fn cover(
     axes: &Axes,
     moments: &[Moments],
     quantities: &[Quantity],
-    keep: impl Fn(f64, f64) -> bool,
+    within: Option<&[bool]>,
 ) -> Result<String, ApiError> {
     let longitudes = longitudes_deg(view, &axes.x_m);
     let degrees = |y_m: f64, z_m: f64| view.geography.latitude_longitude_altitude([0.0, y_m, z_m]);
@@ -80,14 +80,11 @@ pub fn cover(
             column.extend(values);
         }
     }
-    let hidden: Vec<bool> = (0..nx * ny)
-        .map(|i| !keep(longitudes[i % nx], latitudes[i / nx]))
-        .collect();
-    if hidden.contains(&true) {
+    if let Some(within) = within {
         for column in &mut columns {
-            let values = column.iter_mut().zip(hidden.iter().cycle());
+            let values = column.iter_mut().zip(within.iter().cycle());
             values
-                .filter(|(_, hidden)| **hidden)
+                .filter(|(_, within)| !**within)
                 .for_each(|(value, _)| *value = f32::NAN);
         }
     }

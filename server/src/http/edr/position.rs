@@ -70,7 +70,7 @@ async fn point(state: AppState, view: View, mut asked: Query, vertex: Vertex) ->
         y_m: vec![y_m],
         z_m,
     };
-    let work = move || cover(&view, &axes, &moments, &asked.quantities, |_, _| true);
+    let work = move || cover(&view, &axes, &moments, &asked.quantities, None);
     Ok(answer(sampling::work(&state, work).await?))
 }
 
