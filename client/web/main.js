@@ -4,9 +4,11 @@
 /** @import { Camera, Command, Frame, Hello, Numbers, SceneSummary, Status } from "./types.js" */
 
 import { Drawing } from "./drawing.js";
+import { Layers } from "./layers.js";
 import { FollowingSlider, NumberBoard, duration, element, readable } from "./panel.js";
 import { LatencyBoard, ServerClock } from "./latency.js";
 import { FRAME_HEADER_VERSION, ServerError, SkyStream, listScenes, request } from "./stream.js";
+import { sunPosition, timeOfDay } from "./sun.js";
 import { QUALITIES, SkyView, compassPoint } from "./view.js";
 
 const MAX_FPS = 8;
@@ -19,12 +21,15 @@ let hello = null;
 let numbers = null;
 /** @type {number | null} simulated seconds of spin-up, where the server says so */
 let spinUp_s = null;
+/** @type {{latitude_deg: number, longitude_deg: number} | null} where on Earth the world is */
+let ground = null;
 /** @type {SceneSummary[]} */
 let scenes = [];
 let quality = 1;
 let creating = false;
 
 const board = new NumberBoard();
+const layers = new Layers();
 const banner = element("banner", HTMLDivElement);
 const notice = element("notice", HTMLDivElement);
 const noticeText = element("notice-text", HTMLSpanElement);
@@ -105,10 +110,12 @@ function onHello(message) {
   if (another) {
     board.clear();
     spinUp_s = null;
+    ground = null;
     view.setCamera(message.camera);
     void learnSpinUp(message.world);
   }
   drawing.setWorld(message.world);
+  layers.setWorld(message);
   askForFrames();
   void clock.measure();
   void fillScenes();
@@ -118,6 +125,10 @@ function onHello(message) {
 async function learnSpinUp(world) {
   try {
     const state = await request("GET", `/v1/worlds/${encodeURIComponent(world)}`);
+    if (hello?.world === world) {
+      const { latitude_deg, longitude_deg } = state.scene.domain;
+      ground = { latitude_deg, longitude_deg };
+    }
     const seconds = state?.scene?.time?.spin_up_s;
     if (typeof seconds === "number" && hello?.world === world) {
       spinUp_s = seconds;
@@ -163,6 +174,7 @@ function onTick(now) {
   timeScale.follow(Math.log10(now.time_scale));
   sunElevation.follow(now.sun_elevation_deg);
   sunAzimuth.follow(now.sun_azimuth_deg);
+  followTimeOfDay(now);
   const box = element("spin-up", HTMLDivElement);
   box.hidden = !now.spinning_up;
   if (now.spinning_up) {
@@ -236,6 +248,39 @@ function sunByHand() {
 
 const sunElevation = new FollowingSlider("sun-elevation", (v) => `${v.toFixed(1)}°`, sunByHand);
 const sunAzimuth = new FollowingSlider("sun-azimuth", (v) => `${compassPoint(v)} ${v.toFixed(0)}°`, sunByHand);
+const timeOfDaySlider = new FollowingSlider(
+  "time-of-day",
+  (hours) => {
+    const minutes = Math.round(60 * hours);
+    return `${String(Math.floor(minutes / 60)).padStart(2, "0")}:${String(minutes % 60).padStart(2, "0")} UTC`;
+  },
+  (hours) => {
+    if (ground === null || numbers === null) {
+      showNotice("Where the world lies on Earth is not known yet.");
+      return;
+    }
+    const at = timeOfDay(numbers.utc, hours);
+    const { elevation_deg, azimuth_deg } = sunPosition(at, ground.latitude_deg, ground.longitude_deg);
+    sunElevation.release();
+    sunAzimuth.release();
+    command({ command: "sun", sun: { from: "fixed", elevation_deg, azimuth_deg } });
+  },
+);
+
+/**
+ * Lets the slider follow the clock as long as the sun does: one that was placed by hand leaves it where it is.
+ * @param {Numbers} now
+ */
+function followTimeOfDay(now) {
+  if (ground === null) {
+    return;
+  }
+  const byClock = sunPosition(Date.parse(now.utc) / 1000, ground.latitude_deg, ground.longitude_deg);
+  if (Math.abs(byClock.elevation_deg - now.sun_elevation_deg) < 0.2) {
+    timeOfDaySlider.follow((Date.parse(now.utc) - Date.parse(`${now.utc.slice(0, 10)}T00:00:00Z`)) / 3_600_000);
+  }
+}
+
 const fov = new FollowingSlider(
   "fov",
   (v) => `${v.toFixed(0)}°`,

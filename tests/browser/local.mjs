@@ -165,6 +165,22 @@ try {
     const saved = await save();
     return { ok: saved.tick > tick, tick: saved.tick };
   });
+  // Looking back at what has been seen, while the world goes on.
+  await until("some seconds are kept", () => page.locator("#past").evaluate((past) => !past.disabled && past.min <= -4));
+  const live = (await save()).tick;
+  const slide = (value) =>
+    page.locator("#past").evaluate((input, v) => {
+      input.value = String(v);
+      input.dispatchEvent(new Event("input", { bubbles: true }));
+    }, value);
+  await slide(-4);
+  check("the page says how far it looks back", /ago/.test((await text("#past-out")) ?? ""), await text("#past-out"));
+  const back = (await save()).tick;
+  check("an earlier tick is shown", back < live, { back, live });
+  await until("new volumes come all the same", async () => (await numbers()).tick > live + 1);
+  check("and do not disturb it", (await save()).tick === back, back);
+  await slide(0);
+  await until("the newest is shown again", async () => (await save()).tick > live);
   const parts = ["tick", "wait", "send", "decode", "render", "whole"];
   const latency = await until("the way of a volume is measured", async () => {
     const texts = await Promise.all(parts.map((part) => text(`#latency-${part}`)));

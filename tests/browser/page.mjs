@@ -255,6 +255,86 @@ try {
   await page.locator("#quality").selectOption("0");
   await until("a smaller picture comes", async () => (await picture(page)).width === 320);
 
+  // The sun as it stands at another hour: the page's own formula against the server's clock.
+  await slide(page, "#time-of-day", 12.5);
+  await until("noon is asked for", async () => {
+    const sent = commands.at(-1)?.command?.sun;
+    return { ok: sent?.from === "fixed" && sent.elevation_deg > 20, sent };
+  });
+  await page.locator("#sun-clock").click();
+  await until("the slider of the hour follows the clock again", async () => {
+    const [shown, utc] = [await text(page, "#time-of-day-out"), await text(page, "#utc")];
+    const minutes = (t) => Number(t.slice(0, 2)) * 60 + Number(t.slice(3, 5));
+    const apart = Math.abs(minutes(shown ?? "00:00") - minutes((utc ?? "").slice(11)));
+    return { ok: apart <= 7, shown, utc };
+  });
+
+  // A cut with wind arrows, and the sounding of a column.
+  const cut = () =>
+    page.locator("#cut-canvas").evaluate((canvas) => {
+      const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+      const seen = new Set();
+      let gold = 0;
+      for (let n = 0; n < data.length; n += 4) {
+        seen.add((data[n] << 16) | (data[n + 1] << 8) | data[n + 2]);
+        gold += data[n] > 200 && data[n + 1] > 150 && data[n + 2] < 130 ? 1 : 0;
+      }
+      return { colours: seen.size, gold };
+    });
+  await page.locator("#cut").selectOption("level");
+  await page.locator("#cut-channel").selectOption("wind_z_m_s");
+  const legend = await until("the cut names its values", async () => {
+    const said = await text(page, "#cut-legend");
+    return { ok: /^Wind, up: -[\d.]+ to [\d.]+ m\/s; blue is negative, red positive$/.test(said ?? ""), said };
+  });
+  console.error(`figure: ${legend.said}`);
+  const plain = await cut();
+  check("the cut has many values", plain.colours > 100 && plain.gold < 50, plain);
+  await page.locator("#cut-arrows").check();
+  await until("arrows are drawn", async () => {
+    const seen = await cut();
+    return { ok: seen.gold > 200, seen };
+  });
+  const placeBefore = await text(page, "#cut-place-out");
+  await slide(page, "#cut-place", 3);
+  check("the cut moves", (await text(page, "#cut-place-out")) !== placeBefore, await text(page, "#cut-place-out"));
+  const said = await until("the sounding says what is at the ground", async () => {
+    const line = await text(page, "#sounding-text");
+    return { ok: /^Sounding \d+ m east, \d+ m north: [\d.]+ °C, dew point [\d.]+ °C at 10\d\d hPa; /.test(line ?? ""), line };
+  });
+  console.error(`figure: ${said.line}`);
+  await page.locator("#cut-canvas").focus();
+  await page.keyboard.press("ArrowRight");
+  await until("an arrow key chooses another column", async () => {
+    const line = await text(page, "#sounding-text");
+    return { ok: line?.split(":")[0] !== said.line.split(":")[0], line };
+  });
+  await page.locator("#sounding-canvas").scrollIntoViewIfNeeded();
+  await page.screenshot({ path: `${outDir}/layers.png`, timeout: STEP_LIMIT_MS });
+  await page.locator("#cut").selectOption("");
+
+  // Flying.
+  const heightBefore = wishes.at(-1)?.camera?.position_m[2];
+  await page.locator("#sky").focus();
+  await page.keyboard.down("KeyE");
+  await until("a held key climbs", async () => {
+    const height = wishes.at(-1)?.camera?.position_m[2];
+    return { ok: height > heightBefore + 20, height, heightBefore };
+  });
+  await page.keyboard.up("KeyE");
+  await page.locator("#drag").selectOption("orbit");
+  const orbitFrom = wishes.at(-1)?.camera;
+  await page.mouse.move(300, 300);
+  await page.mouse.down();
+  await page.mouse.move(420, 300, { steps: 4 });
+  await page.mouse.up();
+  await until("a drag goes around", async () => {
+    const now = wishes.at(-1)?.camera;
+    const moved = Math.hypot(now.position_m[0] - orbitFrom.position_m[0], now.position_m[1] - orbitFrom.position_m[1]);
+    return { ok: moved > 100 && now.azimuth_deg !== orbitFrom.azimuth_deg, moved };
+  });
+  await page.locator("#drag").selectOption("look");
+
   // Another scene.
   const aboutBefore = await text(page, "#about");
   const names = (await page.locator("#scene option").evaluateAll((all) => all.map((o) => o.value))).filter((v) => v !== "");

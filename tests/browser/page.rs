@@ -226,6 +226,7 @@ fn the_page_shows_a_live_sky_and_survives_the_loss_of_its_server() {
         &small_scene(),
         &[
             "desktop.png",
+            "layers.png",
             "lost.png",
             "degraded.png",
             "phone.png",

@@ -24,12 +24,15 @@ const SCRIPTS: &[(&str, &str)] = scripts![
     "flight.js",
     "kernels.js",
     "latency.js",
+    "layers.js",
     "local.js",
     "panel.js",
     "past.js",
     "raymarch.js",
     "scenery.js",
+    "sounding.js",
     "stream.js",
+    "sun.js",
     "view.js",
     "volume.js"
 ];
