@@ -17,7 +17,7 @@ export class Drawing {
    * @param {HTMLCanvasElement} canvas the one that is drawn into here
    * @param {HTMLSelectElement} select
    * @param {HTMLElement} note
-   * @param {{changed: (here: boolean) => void, drawn: (drawn: Drawn) => void}} handlers `changed` when the other one draws from now on
+   * @param {{changed: (here: boolean) => void, drawn: (drawn: Drawn) => void, notice: (message: string) => void}} handlers `changed` when the other one draws from now on
    */
   constructor(canvas, select, note, handlers) {
     this.canvas = canvas;
@@ -26,7 +26,9 @@ export class Drawing {
     this.handlers = handlers;
     /** Whether pictures are drawn here now. */
     this.here = false;
-    /** @type {Promise<LocalSky | string> | null} made once; a string says why not */
+    /** @type {ReturnType<typeof openDevice> | null} asked for once; a string says why there is none */
+    this.opening = null;
+    /** @type {Promise<LocalSky | string> | null} made once, when it is needed */
     this.making = null;
     /** @type {LocalSky | null} */
     this.sky = null;
@@ -86,19 +88,31 @@ export class Drawing {
       this.serverDraws();
       return;
     }
+    const stale = () => this.world !== world || this.choice !== choice || !this.visible;
+    this.opening ??= openDevice().catch((error) => (error instanceof Error ? error.message : String(error)));
+    const gpu = await this.opening;
+    if (stale()) {
+      return; // decided anew meanwhile
+    }
+    if (typeof gpu === "string") {
+      this.serverDraws(gpu);
+      return;
+    }
+    if (choice === "auto" && gpu.software) {
+      this.sky?.stop();
+      this.serverDraws(`WebGPU is here, but computes on the processor (${gpu.name})`);
+      return;
+    }
     if (this.making === null) {
-      this.making = this.make();
+      this.say("the server", `kernels are being compiled for ${gpu.name}`);
+      this.making = this.make(gpu);
     }
     const sky = await this.making;
-    if (this.world !== world || this.choice !== choice || !this.visible) {
-      return; // decided anew meanwhile
+    if (stale()) {
+      return;
     }
     if (typeof sky === "string") {
       this.serverDraws(sky);
-      return;
-    }
-    if (choice === "auto" && this.software) {
-      this.serverDraws(`WebGPU is here, but computes on the processor (${sky.name})`);
       return;
     }
     this.sky = sky;
@@ -111,17 +125,9 @@ export class Drawing {
     await sky.start(world);
   }
 
-  /** @returns {Promise<LocalSky | string>} */
-  async make() {
+  /** @param {{device: GPUDevice, name: string}} gpu @returns {Promise<LocalSky | string>} */
+  async make(gpu) {
     try {
-      const gpu = await openDevice();
-      if (typeof gpu === "string") {
-        return gpu;
-      }
-      this.software = gpu.software;
-      if (this.choice === "here" || !gpu.software) {
-        this.say("the server", `kernels are being compiled for ${gpu.name}`);
-      }
       return await LocalSky.make(this.canvas, gpu, {
         drawn: (drawn) => this.drawn(drawn),
         trouble: (why) => this.trouble(why),
@@ -148,9 +154,15 @@ export class Drawing {
 
   /** @param {string} why */
   trouble(why) {
+    if (this.here && this.sky?.running) {
+      this.handlers.notice(why); // what is shown goes on
+      return;
+    }
     if (this.sky !== null && !this.sky.running) {
+      // Its GPU may be gone: the next choice begins anew.
       this.sky = null;
       this.making = null;
+      this.opening = null;
     }
     this.serverDraws(why);
   }

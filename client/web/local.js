@@ -127,6 +127,10 @@ export class LocalSky {
     this.sizes = this.device.createBuffer({ size: 32, usage: GPUBufferUsage.UNIFORM | GPUBufferUsage.COPY_DST });
     this.volumes = new VolumeStream({
       field: (field, timing) => this.took(field, timing),
+      absent: () => {
+        this.ready = true; // a world without moisture has no cloud
+        this.changed();
+      },
       error: (message) => handlers.trouble(message),
     });
     /** @type {Scenery | null} */
@@ -137,6 +141,8 @@ export class LocalSky {
     this.sun = null;
     /** @type {string | null} */
     this.world = null;
+    /** Whether the cloud, or that there is none, is known: a clear sky is not to be shown for one that has not come. */
+    this.ready = false;
     this.past = new Past();
     /** @type {VolumeField | null} shown instead of what comes */
     this.shownPast = null;
@@ -176,6 +182,7 @@ export class LocalSky {
       this.world = world;
       this.scenery = null;
       this.tick = null;
+      this.ready = false;
       this.past.clear();
       this.shownPast = null;
       this.raymarcher.setCloud(null);
@@ -246,6 +253,7 @@ export class LocalSky {
   showField(field) {
     this.raymarcher.setCloud(cloudOf(field));
     this.tick = field.header.tick;
+    this.ready = true;
     this.changed();
   }
 
@@ -298,7 +306,7 @@ export class LocalSky {
     const quick = this.msPerPixel * fullWidth * fullHeight <= ALWAYS_FULL_MS;
     const { scenery, camera } = this;
     const sun = this.shownSun();
-    if (this.running && scenery !== null && camera !== null && sun !== null && (this.dirty || (resting && !this.shownFull))) {
+    if (this.running && this.ready && scenery !== null && camera !== null && sun !== null && (this.dirty || (resting && !this.shownFull))) {
       const full = resting || quick;
       const pixels = Math.max(PIXELS_LEAST, MOVING_MS / this.msPerPixel);
       const shrink = full ? 1 : Math.min(1, Math.sqrt(pixels / (fullWidth * fullHeight)));
@@ -324,7 +332,9 @@ export class LocalSky {
       }
     }
     this.drawing = false;
-    if (this.running && (this.dirty || !this.shownFull)) {
+    // Without what it needs there is nothing to wait for here: what comes calls again.
+    const able = this.ready && scenery !== null && camera !== null && sun !== null;
+    if (this.running && able && (this.dirty || !this.shownFull)) {
       this.schedule(false);
     }
   }
@@ -336,7 +346,7 @@ export class LocalSky {
   async capture() {
     const { scenery, camera, tick } = this;
     const sun = this.shownSun();
-    if (scenery === null || camera === null || sun === null) {
+    if (!this.ready || scenery === null || camera === null || sun === null) {
       return null;
     }
     const [width, height] = this.fullSize();

@@ -65,6 +65,7 @@ const drawing = new Drawing(
       view.drawnMs.push(performance.now());
       latency.drawnHere(drawn, numbers);
     },
+    notice: showNotice,
   },
 );
 

@@ -316,6 +316,7 @@ export function channelValues(field, name) {
 /**
  * @typedef {object} VolumeHandlers
  * @property {(field: VolumeField, timing: {arrived_unix_ms: number, decode_ms: number}) => void} field
+ * @property {() => void} absent the world has none of the channels that are wanted
  * @property {(message: string) => void} error
  */
 
@@ -401,11 +402,15 @@ export class VolumeStream {
     }
   }
 
-  /** @param {{type: string, view?: number, error?: ApiError}} message */
+  /** @param {{type: string, view?: number, channels?: string[], error?: ApiError}} message */
   heard(message) {
     if (message.type === "hello") {
       this.failures = 0;
-      this.send({ type: "subscribe", ...this.subscription });
+      if (this.subscription?.channels.some((name) => message.channels?.includes(name))) {
+        this.send({ type: "subscribe", ...this.subscription });
+      } else {
+        this.handlers.absent();
+      }
     } else if (message.type === "subscribed" && message.view !== undefined) {
       this.receiver.expect(message.view);
     } else if (message.type === "error" && message.error !== undefined) {
