@@ -199,7 +199,8 @@ pub async fn run(url: &str, options: &LoadOptions) -> Result<LoadReport, ClientE
         })
         .collect();
     let (slow, rest) = got[..options.subscribers].split_at(options.slow.min(options.subscribers));
-    let mean = |of: &[[f64; 3]], i: usize| of.iter().map(|g| g[i]).sum::<f64>() / of.len().max(1) as f64;
+    // An empty sum is minus zero.
+    let mean = |of: &[[f64; 3]], i: usize| (0.0 + of.iter().map(|g| g[i]).sum::<f64>()) / of.len().max(1) as f64;
     let patient = &counts[options.slow.min(options.subscribers)..options.subscribers];
     let volumes: u64 = patient.iter().map(|c| c.volumes.load(Ordering::Relaxed)).sum();
     let age_us: u64 = patient.iter().map(|c| c.age_us.load(Ordering::Relaxed)).sum();
