@@ -90,9 +90,12 @@ try {
     });
   /** What the page shows now, as it saves it, with the tick in it. */
   const save = async () => {
-    const coming = page.waitForEvent("download");
+    const coming = page.waitForEvent("download", { timeout: 20_000 }).catch(() => null);
     await page.locator("#save").evaluate((button) => button.click());
     const download = await coming;
+    if (download === null) {
+      return { tick: null, png: null };
+    }
     const tick = Number(/tick-(\d+)/.exec(download.suggestedFilename())?.[1]);
     return { tick, png: readFileSync(await download.path()) };
   };
@@ -195,6 +198,15 @@ try {
   });
   await until("a larger window is filled", () => page.locator("#sky-here").evaluate((c) => c.width === 640 && c.height === 360));
   await page.screenshot({ path: `${outDir}/window.png`, timeout: STEP_LIMIT_MS });
+
+  // A world without moisture has no cloud to wait for.
+  await page.setViewportSize(SIZE);
+  await page.locator("#scene").selectOption("clear-sky-wind", { force: true });
+  await until("a world without clouds is drawn here too", async () => {
+    const { tick: none, png } = await save();
+    const said = await text("#drawn-by");
+    return { ok: Number.isNaN(none) && png !== null && /^Drawn by this computer/.test(said ?? ""), none, said };
+  });
 
   await page.locator("#draw").selectOption("server", { force: true });
   await until("the server draws again", async () => (await text("#drawn-by")) === "Drawn by the server.");
