@@ -58,7 +58,7 @@ impl Geography {
         }
         let given = [latitude_deg, longitude_deg, altitude_m];
         for (place, (value, most)) in given.iter().zip([90.0, 1e6, f64::MAX]).enumerate() {
-            if !(value.abs() <= most) {
+            if !(-most..=most).contains(value) {
                 let message = format!("{value} is out of range; allowed is {} to {most}", -most);
                 return Err(ApiError::new("out_of_range", message).at(format!("/{place}")));
             }

@@ -249,3 +249,11 @@ pub async fn next_frame(socket: &mut Socket) -> Vec<u8> {
 pub async fn say(socket: &mut Socket, message: Value) {
     socket.send(Message::Text(message.to_string().into())).await.unwrap();
 }
+
+/// Processor seconds that this process has used.
+pub fn processor_s() -> f64 {
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap();
+    let fields: Vec<&str> = stat[stat.rfind(')').unwrap() + 2..].split(' ').collect();
+    // utime and stime, in ticks of 10 ms on every Linux that Rust runs on.
+    (fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap()) / 100.0
+}

@@ -5,7 +5,7 @@ mod common;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use common::{PATIENCE, Server, Socket, next, next_of, say, server};
+use common::{PATIENCE, Server, Socket, next, next_of, processor_s, say, server};
 use futures_util::SinkExt;
 use serde_json::{Value, json};
 use tokio::time::timeout;
@@ -531,14 +531,6 @@ async fn the_native_client_asks_once_and_follows() {
     assert!(
         matches!(Samples::connect(&url, Some("w7")).await, Err(ClientError::Refused(e)) if e.code == "unknown_world")
     );
-}
-
-/// Processor seconds that this process has used.
-fn processor_s() -> f64 {
-    let stat = std::fs::read_to_string("/proc/self/stat").unwrap();
-    let fields: Vec<&str> = stat[stat.rfind(')').unwrap() + 2..].split(' ').collect();
-    // utime and stime, in ticks of 10 ms on every Linux that Rust runs on.
-    (fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap()) / 100.0
 }
 
 /// The default scene at full size in real time; a thousand aircraft in ten clients send their positions and get all channels ten times a second, server

@@ -359,6 +359,47 @@ fn a_moment_is_found_by_tick_or_second_or_refused() {
     assert_eq!(Moments::find(&[], When::Now).unwrap_err().code, "weather_unavailable");
 }
 
+/// Prints what a copy and each channel cost for the default scene at full size; holds what they hold in memory.
+#[test]
+fn what_weather_costs() {
+    let scene = welkin_proto::presets::find(welkin_proto::presets::DEFAULT).unwrap();
+    let mut world = World::new(scene, Some(2)).unwrap();
+    world.advance_by(1.0);
+    let volume = world.snapshot().volume;
+    let cells = world.parameters().grid.len();
+    let ms = |begin: std::time::Instant| begin.elapsed().as_secs_f64() * 1e3;
+    let mut least = f64::INFINITY;
+    for _ in 0..5 {
+        let begin = std::time::Instant::now();
+        drop(world.weather(FieldSet::ALL, volume.clone()).unwrap());
+        least = least.min(ms(begin));
+    }
+    println!("a copy of {cells} cells: {least:.2} ms");
+    let weather = Weather::new(world.weather(FieldSet::ALL, volume.clone()).unwrap(), 1);
+    assert_eq!(weather.bytes(), 6 * 4 * cells, "five fields and the drawn cloud");
+    let all = weather.channels();
+    for &c in &all {
+        let begin = std::time::Instant::now();
+        let first = weather.field(c).unwrap();
+        println!("{:32}{:.2} ms", c.name(), ms(begin));
+        assert!(Arc::ptr_eq(&first, &weather.field(c).unwrap()), "derived once");
+    }
+    // Wall time is the machine's mood; processor time is the work.
+    let before = common::processor_s();
+    for _ in 0..20 {
+        let weather = Weather::new(world.weather(FieldSet::ALL, volume.clone()).unwrap(), 1);
+        all.iter().for_each(|&c| drop(weather.field(c).unwrap()));
+    }
+    let each_ms = (common::processor_s() - before) / 20.0 * 1e3;
+    println!("a copy and all {} channels: {each_ms:.1} ms of a core", all.len());
+    assert_eq!(all.len(), Channel::ALL.len(), "the default scene has every channel");
+    let wind = FieldSet::of(&[Channel::WindXMS]);
+    assert_eq!(
+        Weather::new(world.weather(wind, volume).unwrap(), 1).bytes(),
+        4 * 4 * cells
+    );
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn weather_is_copied_for_those_who_want_it_and_for_nobody_else() {
     let host = Host::spawn("w1", scene(|_| {}), Some(1)).unwrap();

@@ -85,7 +85,7 @@ fn bytes_at<const N: usize>(bytes: &[u8], from: usize) -> [u8; N] {
     std::array::from_fn(|i| bytes[from + i])
 }
 
-fn checked<'a>(message: &'a [u8], magic: [u8; 4], header_bytes: usize) -> Result<&'a [u8], ApiError> {
+fn checked(message: &[u8], magic: [u8; 4], header_bytes: usize) -> Result<&[u8], ApiError> {
     if message.len() < header_bytes {
         return Err(bad(format!(
             "{} bytes are too few: a header has {header_bytes}",

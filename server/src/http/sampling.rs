@@ -76,7 +76,7 @@ impl Chosen {
 pub fn check_local(place: [f64; 3], pointer: &str) -> Result<[f64; 3], ApiError> {
     for (axis, value) in place.iter().enumerate() {
         // NaN is refused too.
-        if !(value.abs() <= REACH_M) {
+        if !(-REACH_M..=REACH_M).contains(value) {
             let message = format!("{value} is out of range; allowed is {} to {REACH_M}", -REACH_M);
             return Err(ApiError::new("out_of_range", message).at(format!("{pointer}/{axis}")));
         }
@@ -136,7 +136,7 @@ pub fn too_many(count: f64, most: usize) -> ApiError {
 ///
 /// Errors: `out_of_range` for a step that is not above 0, `too_many_points`; pointer `/step_m`.
 pub fn along(corners: &[[f64; 3]], step_m: f64, most: usize) -> Result<(Vec<[f64; 3]>, Vec<f64>), ApiError> {
-    if !(step_m > 0.0 && step_m.is_finite()) {
+    if !step_m.is_finite() || step_m <= 0.0 {
         let message = format!("{step_m} is out of range; a step is above 0 m");
         return Err(ApiError::new("out_of_range", message).at("/step_m"));
     }

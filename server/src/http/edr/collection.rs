@@ -46,7 +46,12 @@ pub fn describe(view: &View, base: &str) -> Result<Value, ApiError> {
     let scene = &newest.snapshot.scene;
     let start_unix_s = parse_utc(&scene.time.start_utc)?;
     let now_s = newest.snapshot.numbers.simulated_s;
-    let oldest_s = newest.past.first().map_or(now_s, |w| w.simulated_s);
+    // Those that are kept; while nobody asks none are, and the newest would be made.
+    let mut kept_s: Vec<f64> = newest.past.iter().map(|w| w.simulated_s).collect();
+    if kept_s.is_empty() {
+        kept_s.push(now_s);
+    }
+    let times: Vec<String> = kept_s.iter().map(|s| instant(start_unix_s + s)).collect();
     let id = &view.id;
     let here = format!("{base}/collections/{id}");
     let [low, high] = [[0.0; 3], view.geography.size_m].map(|p| view.geography.latitude_longitude_altitude(p));
@@ -79,7 +84,8 @@ pub fn describe(view: &View, base: &str) -> Result<Value, ApiError> {
         "extent": {
             "spatial": { "bbox": [[low[1], low[0], high[1], high[0]]], "crs": CRS84 },
             "temporal": {
-                "interval": [[instant(start_unix_s + oldest_s), instant(start_unix_s + now_s)]],
+                "interval": [[times.first(), times.last()]],
+                "values": times,
                 "trs": TIME_WKT,
             },
             "vertical": {

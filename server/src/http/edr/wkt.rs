@@ -281,7 +281,7 @@ mod tests {
         ] {
             assert_eq!(parse(text, 10).expect_err(text).code, "bad_coords", "{text}");
         }
-        let long = format!("LINESTRING({})", vec!["1 2"; 11].join(","));
+        let long = format!("LINESTRING({})", ["1 2"; 11].join(","));
         assert_eq!(parse(&long, 10).expect_err("long").code, "too_many_points");
     }
 }
