@@ -193,16 +193,17 @@ pub(super) fn run(context: &Context) -> Result<Findings, ValidateError> {
     let mut figures = Vec::new();
     for run in &runs {
         let of = |what: &str| format!("{what}, {}", run.name);
-        let (guide, cloud) = (last(&run.guide_m), last(&run.cloud_m));
-        figures.push(Figure::alone(of("way of the guide point"), "m", guide));
+        let (mean, cloud) = (last(&run.mean_m), last(&run.cloud_m));
         figures.push(Figure::alone(of("way of the cloud's water"), "m", cloud));
+        figures.push(Figure::alone(
+            of("way by the wind at one point"),
+            "m",
+            last(&run.guide_m),
+        ));
+        figures.push(Figure::alone(of("way by the mean wind of the water"), "m", mean));
+        let parted = (mean - cloud).abs() / cloud.abs().max(run.cell_m);
         figures.push(
-            Figure::alone(
-                of("their difference over the way"),
-                "1",
-                (guide - cloud).abs() / cloud.abs().max(run.cell_m),
-            )
-            .aimed(Aim::Between {
+            Figure::alone(of("how far the mean wind parts from the water"), "1", parted).aimed(Aim::Between {
                 least: 0.0,
                 most: PARTING_SHARE,
             }),
