@@ -9,6 +9,9 @@ use welkin_proto::scene::{self, Scene};
 use welkin_proto::wire::{FrameFormat, PlanReport};
 use welkin_proto::{ApiError, Camera};
 use welkin_shaders::CloudVolume;
+use welkin_shaders::cpu::light::path_tracer::Film;
+use welkin_shaders::cpu::light::phase_table::PhaseChoice;
+use welkin_shaders::cpu::view as cpu_view;
 use welkin_shaders::cpu::view::{Detail, Ground, Prepared, ViewSettings, render_watched};
 use welkin_shaders::gpu::GpuView;
 
@@ -202,6 +205,45 @@ pub fn settings(snapshot: &Snapshot, scene: &Scene, camera: &Camera, [width, hei
         visibility_m: effects.aerial_perspective.as_ref().map(|a| a.visibility_m as f32),
         seed: scene.seed,
         surface_altitude_m: scene.domain.surface_altitude_m as f32,
+    }
+}
+
+/// A picture by traced paths, and how sure it is.
+pub struct Traced {
+    /// The picture.
+    pub picture: Picture,
+    /// Standard error of its pixels' radiance in the mean square, over their radiance in the mean square.
+    pub relative_error: f64,
+}
+
+/// Traces `paths` paths a pixel (stage `path_tracer`, on the CPU whatever the worlds compute on). `progress` is told how many of them are done and the
+/// relative error so far, and ends it by `false`. The pixels' number is the caller's to bound.
+pub fn path_trace(
+    volume: Option<&CloudVolume>,
+    settings: &ViewSettings,
+    phase: PhaseChoice,
+    paths: u32,
+    progress: &mut dyn FnMut(u32, f64) -> bool,
+) -> Traced {
+    let begin = Instant::now();
+    let mut prepared = Prepared::new();
+    let mut film = Film::new(settings.width * settings.height);
+    while film.samples < paths {
+        let batch = 16.min(paths - film.samples);
+        cpu_view::path_trace(volume, settings, &mut prepared, phase, 1.0, &mut film, batch);
+        if !progress(film.samples, film.relative_error()) {
+            break;
+        }
+    }
+    let radiance: Vec<[f32; 3]> = film.radiance().iter().map(|p| p.map(|v| v as f32)).collect();
+    Traced {
+        picture: Picture {
+            rgb8: cpu_view::developed(volume, settings, &mut prepared, &radiance),
+            width: settings.width as u32,
+            height: settings.height as u32,
+            render_ms: begin.elapsed().as_secs_f64() * 1e3,
+        },
+        relative_error: film.relative_error(),
     }
 }
 

@@ -66,6 +66,14 @@ fn the_tunnels_cloud_goes_with_the_mean_wind_of_its_water() {
     assert!(way.is_some_and(|f| f.ours > 200.0), "nothing drifts: {way:?}");
 }
 
+/// Every row within three of the tracer's own standard errors (with these fixed random numbers).
+#[test]
+fn the_path_tracer_meets_discrete_ordinates() {
+    let report = quick("slab");
+    assert_eq!(report.findings.figures.len(), 20);
+    assert!(missed(&report).is_empty(), "{:?}", missed(&report));
+}
+
 #[test]
 fn a_case_can_be_interrupted() {
     let context = Context {

@@ -11,6 +11,7 @@ use welkin_client::{ClientError, ServerUrl, get_json};
 use welkin_proto::volume::subscribe::VolumeServerMessage;
 use welkin_proto::wire::FrameFormat;
 use welkin_proto::{Camera, validate};
+use welkin_shaders::cpu::light::phase_table::PhaseChoice;
 
 use super::{
     Failure, Outcome, SceneFlags, duration_s, interrupt_flag, own_limits, print_line, progress_bar, write_file,
@@ -24,11 +25,38 @@ pub(super) const EXAMPLES: &str = "\
 Examples:
   welkin render fair-weather-cumulus -o sky.png
   welkin render warm-bubble -o bubble.jpg --at 15m --size 1920x1080
+  welkin render warm-bubble -o truth.png --at 15m --size 320x180 --paths 256
   welkin render my-scene.json -o up.webp --at 2h --position 3200,3200,2 --elevation 90 --fov 100
   welkin render http://127.0.0.1:8080 -o live.png      a live world as it is now, drawn on this machine";
 
 /// Longest side of a picture, pixels: what a JPEG can hold.
 const SIDE_MAX: u32 = 16_384;
+
+/// Phase functions of traced pictures.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Phase {
+    /// The fit of Jendersie and d'Eon for 18 micrometres.
+    Droplets,
+    /// Mie's, effective radius 9 micrometres.
+    Mie,
+    /// Henyey and Greenstein's, mean cosine 0.85.
+    HenyeyGreenstein,
+    /// Molecules', for comparison.
+    Rayleigh,
+}
+
+impl Phase {
+    fn choice(self) -> PhaseChoice {
+        match self {
+            Phase::Droplets => PhaseChoice::default(),
+            Phase::Mie => PhaseChoice::Mie {
+                effective_radius_um: 9.0,
+            },
+            Phase::HenyeyGreenstein => PhaseChoice::HenyeyGreenstein { asymmetry: 0.85 },
+            Phase::Rayleigh => PhaseChoice::Rayleigh,
+        }
+    }
+}
 
 #[derive(Args)]
 pub(super) struct Options {
@@ -68,6 +96,12 @@ pub(super) struct Options {
     /// Four rays a pixel, in four times the time.
     #[arg(long)]
     still: bool,
+    /// Trace so many paths of light a pixel in place of the march: slow, on the CPU, and right but for the noise that is printed.
+    #[arg(long, value_name = "N", conflicts_with = "still", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    paths: Option<u32>,
+    /// How droplets turn the traced light: the fit that the march has, or Mie's functions, which have fogbow and glory.
+    #[arg(long, value_enum, default_value = "droplets", requires = "paths")]
+    phase: Phase,
     #[command(flatten)]
     flags: SceneFlags,
 }
@@ -91,6 +125,11 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
     let format = format_of(&options.output)?;
     options.flags.size_pool();
     if options.scene.starts_with("http://") {
+        if options.paths.is_some() {
+            return Err(Failure(
+                "paths are traced through a scene, not through a live world".to_owned(),
+            ));
+        }
         return live(&options, format);
     }
     let scene = options.flags.load(&options.scene, &own_limits())?;
@@ -116,10 +155,38 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
     let simulate_s = began.elapsed().as_secs_f64();
     let snapshot = world.snapshot();
     let [width, height] = options.size;
-    let picture = renderer.render(&snapshot, world.scene(), &camera, options.size, options.still)?;
+    let (picture, how) = match options.paths {
+        None => (
+            renderer.render(&snapshot, world.scene(), &camera, options.size, options.still)?,
+            String::new(),
+        ),
+        Some(paths) => {
+            let settings = picture::settings(&snapshot, world.scene(), &camera, options.size.map(|n| n as usize));
+            let bar = progress_bar(f64::from(paths), "tracing");
+            let phase = options.phase.choice();
+            let traced = picture::path_trace(
+                snapshot.volume.as_deref(),
+                &settings,
+                phase,
+                paths,
+                &mut |done, error| {
+                    bar.set_position(u64::from(done));
+                    bar.set_message(format!("tracing, error {:.1} %", 100.0 * error));
+                    !interrupted.load(Ordering::Relaxed)
+                },
+            );
+            bar.finish_and_clear();
+            if interrupted.load(Ordering::Relaxed) {
+                return Ok(Outcome::Interrupted);
+            }
+            let error = 100.0 * traced.relative_error;
+            let how = format!(", {paths} paths a pixel, relative error {error:.1} %");
+            (traced.picture, how)
+        }
+    };
     write_file(&options.output, &picture::encode(&picture, format, options.still)?)?;
     print_line(&format!(
-        "{}: {width}x{height} at simulated second {:.0}; simulated in {simulate_s:.1} s, rendered in {:.0} ms",
+        "{}: {width}x{height} at simulated second {:.0}; simulated in {simulate_s:.1} s, rendered in {:.0} ms{how}",
         options.output.display(),
         snapshot.numbers.simulated_s,
         picture.render_ms,

@@ -7,6 +7,7 @@ mod bomex;
 mod bubbles;
 mod compressible;
 mod density_current;
+mod slab;
 mod wind_tunnel;
 
 use std::borrow::Cow;
@@ -208,6 +209,12 @@ pub const CASES: &[Case] = &[
         what: "six hours of shallow cumulus over the tropical Atlantic",
         source: "Siebesma et al. (2003), large-eddy intercomparison",
         run: bomex::run,
+    },
+    Case {
+        name: "slab",
+        what: "the path tracer on plane-parallel slabs",
+        source: "discrete ordinates of 64 streams, Henyey-Greenstein, no absorption",
+        run: slab::run,
     },
 ];
 

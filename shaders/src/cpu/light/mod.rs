@@ -4,8 +4,11 @@
 //! 440 nm stand for red, green and blue).
 
 pub mod atmosphere;
+pub mod mie;
 pub mod multiple_scattering_table;
+pub mod path_tracer;
 pub mod phase;
+pub mod phase_table;
 pub mod sky_light;
 pub mod sky_table;
 pub mod sky_visibility;

@@ -112,6 +112,19 @@ pub(crate) fn radiance(
         }
         None => (one, 1.0),
     };
+    let albedo = albedo(ground, noise, x, y, distance_m);
+    let lit = sun_direction[2].max(0.0) / PI;
+    let mut radiance = [one; 3];
+    for c in 0..3 {
+        radiance[c] = albedo[c] * (passed * (light.sun_at_ground[c] * lit) + light.sky_irradiance[c] * sky_share / PI);
+    }
+    radiance
+}
+
+/// Share of light that the ground gives back at `x`, `y` (m), seen from `distance_m`.
+#[inline(always)]
+pub(crate) fn albedo(ground: Ground, noise: &DetailNoise, x: Lanes, y: Lanes, distance_m: Lanes) -> [Lanes; 3] {
+    let one = Lanes::splat(1.0);
     let (broad, _) = noise.look(
         x * (1.0 / GROUND_BROAD_TILE_M),
         y * (1.0 / GROUND_BROAD_TILE_M),
@@ -127,14 +140,12 @@ pub(crate) fn radiance(
     let patch = (broad - 0.5) * GROUND_BROAD
         + (fields - 0.5) * GROUND_FIELDS * near
         + (grain - 0.5) * GROUND_GRAIN * near * near;
-    let lit = sun_direction[2].max(0.0) / PI;
     let tint = ground.tint();
-    let mut radiance = [one; 3];
+    let mut albedo = [one; 3];
     for c in 0..3 {
-        let albedo = (patch * tint[c] + 1.0).clamp(GROUND_DARKEST, GROUND_LIGHTEST) * albedo_mean[c];
-        radiance[c] = albedo * (passed * (light.sun_at_ground[c] * lit) + light.sky_irradiance[c] * sky_share / PI);
+        albedo[c] = (patch * tint[c] + 1.0).clamp(GROUND_DARKEST, GROUND_LIGHTEST) * albedo_mean[c];
     }
-    radiance
+    albedo
 }
 
 #[inline(always)]

@@ -34,10 +34,10 @@ crate::constants! {
     /// Octaves at most.
     pub const OCTAVES_MAX: usize = 8;
     /// No cloud is drawn beyond, m; it fades out from the second one on.
-    const DRAW_DISTANCE_M: f32 = 60_000.0;
+    pub(crate) const DRAW_DISTANCE_M: f32 = 60_000.0;
     const DRAW_FADES_FROM_M: f32 = 36_000.0;
     /// Rays stop here even when nothing is met, m.
-    const SKY_DISTANCE_M: f32 = 300_000.0;
+    pub(crate) const SKY_DISTANCE_M: f32 = 300_000.0;
     /// Distances of the two finer steps towards the sun and their lengths, m.
     const FINE_FIRST_M: f32 = 18.0;
     const FINE_FIRST_LENGTH_M: f32 = 36.0;
@@ -52,15 +52,15 @@ crate::constants! {
     const NEAR_DETAIL_M: f32 = 3_500.0;
     /// How much smaller, and the share in the edge's push of its large and small billows.
     const DETAIL_FINER: f32 = 4.3;
-    const DETAIL_FINE: f32 = 0.36;
-    const DETAIL_FINEST: f32 = 0.24;
+    pub(crate) const DETAIL_FINE: f32 = 0.36;
+    pub(crate) const DETAIL_FINEST: f32 = 0.24;
     /// Share of the small billows in the push, and the distance at which it is gone, m.
-    const DETAIL_SMALL: f32 = 0.75;
+    pub(crate) const DETAIL_SMALL: f32 = 0.75;
     const DETAIL_SMALL_REACH_M: f32 = 14_000.0;
     /// One over the cover at which the push is whole: no cloud out of nothing.
-    const DETAIL_HELD: f32 = 5.0;
+    pub(crate) const DETAIL_HELD: f32 = 5.0;
     /// Width in cover of the ramp from empty to full of carved cloud.
-    const CARVE_RAMP: f32 = 0.22;
+    pub(crate) const CARVE_RAMP: f32 = 0.22;
     /// Length of steps: a share of the distance within bounds, m.
     const MARCH_STEP_GROWTH: f32 = 0.0055;
     const MARCH_STEP_LEAST_M: f32 = 15.0;
@@ -75,7 +75,7 @@ crate::constants! {
     /// Share of the ground's light that clouds can take by their shadow.
     const COVERED_GROUND: f32 = 0.6;
     /// Width of the sun's edge, pixels.
-    const SUN_EDGE_PIXELS: f32 = 0.7;
+    pub(crate) const SUN_EDGE_PIXELS: f32 = 0.7;
     /// Interleaved gradient noise (Jimenez 2014).
     const PATTERN_X: f32 = 0.067_110_56;
     const PATTERN_Y: f32 = 0.005_837_15;
@@ -142,7 +142,8 @@ pub fn draw_rows(frame: &Frame<'_>, first_row: usize, out: &mut [u8]) {
         let row = |l: usize| (first_row + l / 4).min(frame.height - 1);
         let px = Lanes::from_fn(|l| column(l) as f32 + 0.5);
         let py = Lanes::from_fn(|l| row(l) as f32 + 0.5);
-        let rgb = packet(frame, px, py);
+        let (light, pattern) = packet(frame, px, py);
+        let rgb = tone_map::tone_map(light, frame.exposure, pattern);
         for l in 0..LANES {
             let (x, y) = (first_column + l % 4, l / 4);
             if x < frame.width && (y + 1) * row_bytes <= out.len() {
@@ -154,8 +155,9 @@ pub fn draw_rows(frame: &Frame<'_>, first_row: usize, out: &mut [u8]) {
     }
 }
 
+/// Radiance of sixteen pixels, and the pattern against bands.
 #[inline(always)]
-fn packet(frame: &Frame<'_>, px: Lanes, py: Lanes) -> [Lanes; 3] {
+fn packet(frame: &Frame<'_>, px: Lanes, py: Lanes) -> ([Lanes; 3], Lanes) {
     let zero = Lanes::splat(0.0);
     let one = Lanes::splat(1.0);
     let scale = 2.0 * frame.half_height / frame.height as f32;
@@ -246,7 +248,7 @@ fn packet(frame: &Frame<'_>, px: Lanes, py: Lanes) -> [Lanes; 3] {
             }
         }
     }
-    tone_map::tone_map(light, frame.exposure, pattern)
+    (light, pattern)
 }
 
 /// What a packet met in the cloud.
@@ -424,21 +426,32 @@ fn roots(rise: Lanes, curve: Lanes, gap: f32) -> (Lanes, Lanes, Lanes) {
 /// Extinction with detail, 1/m.
 #[inline(always)]
 fn extinction(frame: &Frame<'_>, shape: &Shape, p: &[Lanes; 3], t: Lanes, close_m: f32) -> Lanes {
+    detailed_extinction(shape, frame.noise, frame.detail, p, t, close_m)
+}
+
+/// The same at places `t` from the camera, of which none is closer than `close_m`.
+#[inline(always)]
+pub(crate) fn detailed_extinction(
+    shape: &Shape,
+    noise: &DetailNoise,
+    detail: Option<FrameDetail>,
+    p: &[Lanes; 3],
+    t: Lanes,
+    close_m: f32,
+) -> Lanes {
     let (cover, amplitude) = shape.sample(p[0], p[1], p[2]);
     let plain = amplitude * cover;
-    let Some(detail) = frame.detail else { return plain };
+    let Some(detail) = detail else { return plain };
     let mut q = *p;
     for a in 0..3 {
         q[a] = (p[a] + detail.offset_m[a]) * detail.tiles_per_m;
     }
-    let (large, small) = frame.noise.look(q[0], q[1], q[2]);
+    let (large, small) = noise.look(q[0], q[1], q[2]);
     let one = Lanes::splat(1.0);
     let far = (t * (1.0 / DETAIL_SMALL_REACH_M)).clamp(0.0, 1.0);
     let mut push = (large - 0.5) + (small - 0.5) * DETAIL_SMALL * (one - far);
     if close_m < NEAR_DETAIL_M {
-        let (fine, finest) = frame
-            .noise
-            .look(q[1] * DETAIL_FINER, q[2] * DETAIL_FINER, q[0] * DETAIL_FINER);
+        let (fine, finest) = noise.look(q[1] * DETAIL_FINER, q[2] * DETAIL_FINER, q[0] * DETAIL_FINER);
         let near = (one - t * (1.0 / NEAR_DETAIL_M)).clamp(0.0, 1.0);
         push = push + ((fine - 0.5) * DETAIL_FINE + (finest - 0.5) * DETAIL_FINEST) * near;
     }

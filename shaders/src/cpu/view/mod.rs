@@ -18,6 +18,8 @@ use rayon::prelude::*;
 use crate::CloudVolume;
 use crate::cpu::light::Atmosphere;
 use crate::cpu::light::multiple_scattering_table::MultipleScatteringTable;
+use crate::cpu::light::path_tracer::{Film, Scatterer, volume};
+use crate::cpu::light::phase_table::PhaseChoice;
 use crate::cpu::light::sky_light::SkyLight;
 use crate::cpu::light::sky_table::SkyTable;
 use crate::cpu::light::sky_visibility::sky_visibility;
@@ -27,6 +29,7 @@ pub use crate::view::{Detail, Ground, ViewSettings};
 use crate::view::{LightKey, Look, SkyKey, SunLightKey, fingerprint};
 use detail_noise::DetailNoise;
 use haze::Haze;
+use lanes::Lanes;
 use march::{Frame, PACKET_ROWS};
 use shape::Shape;
 use tone_map::luminance;
@@ -35,6 +38,7 @@ use tone_map::luminance;
 #[derive(Default)]
 pub struct Prepared {
     noise: Option<DetailNoise>,
+    scatterer: Option<(PhaseChoice, Scatterer)>,
     air: Option<(Atmosphere, TransmittanceTable, MultipleScatteringTable)>,
     sky: Option<(SkyKey, SkyTable)>,
     light: Option<(LightKey, SkyLight)>,
@@ -67,11 +71,72 @@ pub fn render_watched(
     prepared: &mut Prepared,
     after: &mut dyn FnMut(&'static str),
 ) -> Vec<u8> {
-    let (width, height) = (settings.width, settings.height);
-    let mut picture = vec![0u8; width * height * 3];
+    let width = settings.width;
+    let mut picture = vec![0u8; width * settings.height * 3];
     if picture.is_empty() {
         return picture;
     }
+    let look = prepare(volume, settings, prepared, after);
+    let Some(frame) = prepared.frame(&look, settings) else {
+        return picture;
+    };
+    picture
+        .par_chunks_mut(PACKET_ROWS * width * 3)
+        .enumerate()
+        .for_each(|(n, rows)| march::draw_rows(&frame, n * PACKET_ROWS, rows));
+    after("march");
+    picture
+}
+
+/// Adds `samples` paths a pixel to a film of the same picture (stage `path_tracer`); `phase` is how droplets turn light (the march has the choice's default),
+/// `albedo` the share of extinction by cloud that is scattering.
+/// Octaves are not looked at: a path scatters as often as it will.
+pub fn path_trace(
+    volume: Option<&CloudVolume>,
+    settings: &ViewSettings,
+    prepared: &mut Prepared,
+    phase: PhaseChoice,
+    albedo: f64,
+    film: &mut Film,
+    samples: u32,
+) {
+    if settings.width * settings.height == 0 {
+        return;
+    }
+    let look = prepare(volume, settings, prepared, &mut |_| {});
+    if prepared.scatterer.as_ref().is_none_or(|(choice, _)| *choice != phase) {
+        prepared.scatterer = Some((phase, Scatterer::new(phase)));
+    }
+    if let (Some(frame), Some((_, scatterer))) = (prepared.frame(&look, settings), &prepared.scatterer) {
+        volume::trace(&frame, scatterer, albedo, film, samples);
+    }
+}
+
+/// Bytes of radiances as [`render`] would have them, but for the pattern against bands.
+pub fn developed(
+    volume: Option<&CloudVolume>,
+    settings: &ViewSettings,
+    prepared: &mut Prepared,
+    radiance: &[[f32; 3]],
+) -> Vec<u8> {
+    let look = prepare(volume, settings, prepared, &mut |_| {});
+    let exposure = prepared.frame(&look, settings).map_or(1.0, |frame| frame.exposure);
+    radiance
+        .iter()
+        .flat_map(|pixel| {
+            let rgb = tone_map::tone_map(pixel.map(Lanes::splat), exposure, Lanes::splat(0.5));
+            rgb.map(|c| c.0[0] as u8)
+        })
+        .collect()
+}
+
+/// Makes what a picture needs and is not there yet.
+fn prepare(
+    volume: Option<&CloudVolume>,
+    settings: &ViewSettings,
+    prepared: &mut Prepared,
+    after: &mut dyn FnMut(&'static str),
+) -> Look {
     let look = Look::new(settings, volume.map_or([0.0; 3], |v| v.air_displacement_m));
     if prepared.noise.is_none() {
         prepared.noise = Some(DetailNoise::new());
@@ -85,8 +150,8 @@ pub fn render_watched(
         after("multiple_scattering_table");
         prepared.air = Some((key, transmittance, multiple));
     }
-    let (Some(noise), Some((air, transmittance, multiple))) = (&prepared.noise, &prepared.air) else {
-        return picture;
+    let Some((air, transmittance, multiple)) = &prepared.air else {
+        return look;
     };
 
     let cloud_key = volume.map_or(0, fingerprint);
@@ -128,37 +193,38 @@ pub fn render_watched(
             after("sun_optical_depth");
         }
     }
-    let (Some((_, sky)), Some((_, light))) = (&prepared.sky, &prepared.light) else {
-        return picture;
-    };
+    look
+}
 
-    let sun = look.sun_direction;
-    let on_ground = luminance(light.sun_at_ground) * sun[2].max(0.0) + luminance(light.sky_irradiance);
-    let frame = Frame {
-        width,
-        height,
-        position_m: look.position_m,
-        axes: look.axes,
-        half_height: look.half_height,
-        sun_direction: sun,
-        exposure: tone_map::exposure(on_ground, look.exposure_gain),
-        sky,
-        light,
-        haze: Haze::new(air, look.position_m[2]),
-        haze_on_cloud: settings.visibility_m.is_some(),
-        cloud: cloud.and_then(|c| prepared.sun_light.as_ref().map(|(_, s)| (&c.shape, s))),
-        ground: settings.ground,
-        shadow: settings.cloud_shadow,
-        noise,
-        detail: look.detail,
-        octaves: look.octaves,
-        droplets: look.droplets,
-        sun_disc: transmittance.of_sun(look.position_m[2], sun[2]),
-    };
-    picture
-        .par_chunks_mut(PACKET_ROWS * width * 3)
-        .enumerate()
-        .for_each(|(n, rows)| march::draw_rows(&frame, n * PACKET_ROWS, rows));
-    after("march");
-    picture
+impl Prepared {
+    /// The frame of a picture; none if something was not prepared.
+    fn frame(&self, look: &Look, settings: &ViewSettings) -> Option<Frame<'_>> {
+        let (_, sky) = self.sky.as_ref()?;
+        let (_, light) = self.light.as_ref()?;
+        let (air, transmittance, _) = self.air.as_ref()?;
+        let cloud = self.shape.as_ref().and_then(|(_, shape)| shape.as_ref());
+        let sun = look.sun_direction;
+        let on_ground = luminance(light.sun_at_ground) * sun[2].max(0.0) + luminance(light.sky_irradiance);
+        Some(Frame {
+            width: settings.width,
+            height: settings.height,
+            position_m: look.position_m,
+            axes: look.axes,
+            half_height: look.half_height,
+            sun_direction: sun,
+            exposure: tone_map::exposure(on_ground, look.exposure_gain),
+            sky,
+            light,
+            haze: Haze::new(air, look.position_m[2]),
+            haze_on_cloud: settings.visibility_m.is_some(),
+            cloud: cloud.and_then(|c| self.sun_light.as_ref().map(|(_, s)| (&c.shape, s))),
+            ground: settings.ground,
+            shadow: settings.cloud_shadow,
+            noise: self.noise.as_ref()?,
+            detail: look.detail,
+            octaves: look.octaves,
+            droplets: look.droplets,
+            sun_disc: transmittance.of_sun(look.position_m[2], sun[2]),
+        })
+    }
 }

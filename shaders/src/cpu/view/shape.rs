@@ -121,6 +121,14 @@ impl Shape {
         }
         out
     }
+    /// Cover and amplitude (1/m) of a point as stored: column, row, level.
+    pub(crate) fn at_point(&self, i: usize, j: usize, k: usize) -> (f32, f32) {
+        let word = self.words[(k * self.stride[1] + j) * self.stride[0] + i];
+        (
+            (word & 0xffff) as f32 / 65_535.0,
+            (word >> 16) as f32 * self.amplitude_unit_per_m,
+        )
+    }
     /// The distances to the next cell with cloud.
     pub fn occupancy(&self) -> &Occupancy {
         &self.occupancy

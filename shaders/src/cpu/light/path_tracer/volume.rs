@@ -1,0 +1,402 @@
+//! The cloud of a picture for the path tracer: the very field that the march samples, detail and all.
+//!
+//! What is the march's own approximation is taken over where it is not about light in cloud, so that both draw the same world: the clear air lies only
+//! between the camera and the first thing met, with the sky table's light; the sky's light is the table made for the
+//! camera; the sun is a point whose light grows linearly from the cloud's base to its top; detail fades with the distance from the camera. The Earth's
+//! curvature is kept (rays are straight, the cloud bends down). No cloud is met beyond 60 km from the camera, nor by light that has
+//! gone 100 km.
+
+use multiversion::multiversion;
+
+use super::{Film, Flight, Medium, PathTracer, Scatterer};
+use crate::cpu::light::atmosphere::EARTH_RADIUS_M;
+use crate::cpu::light::transmittance_table::SUN_ANGULAR_RADIUS;
+use crate::cpu::view::detail_noise::DetailNoise;
+use crate::cpu::view::lanes::{LANES, Lanes};
+use crate::cpu::view::march::{
+    CARVE_RAMP, DETAIL_FINE, DETAIL_FINEST, DETAIL_HELD, DETAIL_SMALL, DRAW_DISTANCE_M, Frame, SKY_DISTANCE_M,
+    SUN_EDGE_PIXELS, detailed_extinction,
+};
+use crate::cpu::view::shape::{CARVE_EDGE, Shape};
+use crate::cpu::view::{Ground, ground};
+use crate::view::FrameDetail;
+
+/// Points along an edge of a brick.
+const BRICK_POINTS: usize = 4;
+/// How far scattered light goes through cloud, m.
+const REACH_M: f64 = 100_000.0;
+/// Step over a brick's border, m.
+const OVER_BORDER_M: f64 = 1e-3;
+
+/// See the module.
+pub struct Volume<'a> {
+    frame: &'a Frame<'a>,
+    bricks: Option<Bricks<'a>>,
+}
+
+struct Bricks<'a> {
+    shape: &'a Shape,
+    count: [usize; 3],
+    size_m: [f64; 3],
+    period_m: [f64; 2],
+    majorant: Vec<f32>,
+}
+
+impl<'a> Bricks<'a> {
+    fn new(shape: &'a Shape, detail: Option<FrameDetail>) -> Bricks<'a> {
+        let points = shape.points;
+        // A side shorter than a brick is one brick.
+        let along = [0, 1, 2].map(|a| BRICK_POINTS.min(points[a]));
+        let count = [0, 1, 2].map(|a| points[a].div_ceil(along[a]));
+        let mut majorant = vec![0.0f32; count[0] * count[1] * count[2]];
+        for (n, brick) in majorant.iter_mut().enumerate() {
+            let at = [n % count[0], n / count[0] % count[1], n / (count[0] * count[1])];
+            let (mut cover, mut amplitude) = (0.0f32, 0.0f32);
+            // Stored rows and columns begin one point before the first: with a margin of one point on either side.
+            let span = |a: usize| {
+                let first = at[a] * along[a];
+                let last = (first + along[a] + 1).min(points[a] + 1);
+                if a < 2 {
+                    first..=last
+                } else {
+                    first.saturating_sub(1)..=(first + along[a]).min(points[a] - 1)
+                }
+            };
+            for k in span(2) {
+                for j in span(1) {
+                    for i in span(0) {
+                        let (c, a) = shape.at_point(i, j, k);
+                        cover = cover.max(c);
+                        amplitude = amplitude.max(a);
+                    }
+                }
+            }
+            *brick = amplitude * most_of(cover, detail);
+        }
+        Bricks {
+            shape,
+            count,
+            size_m: [0, 1, 2].map(|a| f64::from(shape.point_spacing_m[a]) * along[a] as f64),
+            period_m: [0, 1].map(|a| f64::from(shape.point_spacing_m[a]) * points[a] as f64),
+            majorant,
+        }
+    }
+}
+
+/// The largest share of the amplitude that cover up to `cover` can give.
+fn most_of(cover: f32, detail: Option<FrameDetail>) -> f32 {
+    let Some(detail) = detail else { return cover };
+    // Each noise is one half above its mean at most.
+    let push = 0.5 * (1.0 + DETAIL_SMALL + DETAIL_FINE + DETAIL_FINEST) * detail.push;
+    let level = cover + push * (cover * DETAIL_HELD).clamp(0.0, 1.0) - CARVE_EDGE;
+    let t = (level / CARVE_RAMP).clamp(0.0, 1.0);
+    let carved = t * t * (3.0 - 2.0 * t);
+    // A thousandth for rounding.
+    1.001 * (cover + (carved - cover) * detail.blend).max(0.0) + 1e-6
+}
+
+impl<'a> Volume<'a> {
+    /// Of a picture's frame.
+    pub fn new(frame: &'a Frame<'a>) -> Volume<'a> {
+        Volume {
+            frame,
+            bricks: frame.cloud.map(|(shape, _)| Bricks::new(shape, frame.detail)),
+        }
+    }
+    /// Height above the curved ground.
+    fn height_m(&self, at: &[f64; 3]) -> f64 {
+        at[2] + self.across(at, at).max(0.0) * 0.5
+    }
+    /// `(at - camera) . (way - camera)` over the level, over the Earth's radius.
+    fn across(&self, at: &[f64; 3], way: &[f64; 3]) -> f64 {
+        let o = self.frame.position_m;
+        let part = |a: usize| (at[a] - f64::from(o[a])) * (way[a] - f64::from(o[a]));
+        (part(0) + part(1)) / f64::from(EARTH_RADIUS_M)
+    }
+    fn rise(&self, at: &[f64; 3], along: &[f64; 3]) -> f64 {
+        let o = self.frame.position_m;
+        let part = |a: usize| (at[a] - f64::from(o[a])) * along[a];
+        along[2] + (part(0) + part(1)) / f64::from(EARTH_RADIUS_M)
+    }
+    fn distance_m(&self, at: &[f64; 3]) -> f64 {
+        let o = self.frame.position_m.map(f64::from);
+        [0, 1, 2].map(|a| (at[a] - o[a]).powi(2)).iter().sum::<f64>().sqrt()
+    }
+    /// Distance to the ground, if the ray meets it.
+    fn to_ground(&self, height: f64, rise: f64, curve: f64) -> Option<f64> {
+        let under_root = rise * rise - 4.0 * curve * height;
+        (rise < 0.0 && under_root >= 0.0).then(|| 2.0 * height.max(0.0) / (under_root.sqrt() - rise))
+    }
+    fn end(&self, at: &mut [f64; 3], along: &[f64; 3], height: f64, rise: f64, curve: f64) -> Flight {
+        match self.to_ground(height, rise, curve) {
+            Some(distance) => {
+                go(at, along, distance);
+                Flight::Ground
+            }
+            None => Flight::Sky,
+        }
+    }
+    /// Where a ray of view ends and what the haze lets pass to there and to `distance`.
+    fn haze(&self, along: &[f64; 3], distance: f64) -> [[f64; 3]; 2] {
+        let frame = self.frame;
+        let height = f64::from(frame.position_m[2]);
+        let curve = curve(along);
+        let end = self
+            .to_ground(height, along[2], curve)
+            .unwrap_or(f64::from(SKY_DISTANCE_M));
+        let passed = |distance: f64| {
+            let t = frame
+                .haze
+                .transmittance(Lanes::splat(distance as f32), Lanes::splat(along[2] as f32));
+            t.map(|c| f64::from(c.0[0]))
+        };
+        [passed(end.min(f64::from(SKY_DISTANCE_M))), passed(distance)]
+    }
+    fn look(&self, along: &[f64; 3], below: bool) -> [f64; 3] {
+        let lowest = self.frame.sky.horizon_sine + 2e-4;
+        let z = if below {
+            along[2] as f32
+        } else {
+            (along[2] as f32).max(lowest)
+        };
+        let direction = [along[0] as f32, along[1] as f32, z].map(Lanes::splat);
+        self.frame.sky.look(&direction).map(|c| f64::from(c.0[0]))
+    }
+}
+
+fn go(at: &mut [f64; 3], along: &[f64; 3], distance: f64) {
+    for a in 0..3 {
+        at[a] += along[a] * distance;
+    }
+}
+
+fn curve(along: &[f64; 3]) -> f64 {
+    (1.0 - along[2] * along[2]).max(0.0) * 0.5 / f64::from(EARTH_RADIUS_M)
+}
+
+impl Medium for Volume<'_> {
+    fn fly(&self, at: &mut [f64; 3], along: &[f64; 3], reach: &mut f64, random: f64) -> Option<Flight> {
+        let mut height = self.height_m(at);
+        let mut rise = self.rise(at, along);
+        let curve = curve(along);
+        let Some(bricks) = &self.bricks else {
+            return Some(self.end(at, along, height, rise, curve));
+        };
+        if *reach <= 0.0 {
+            return Some(self.end(at, along, height, rise, curve));
+        }
+        let (bottom, top) = (f64::from(bricks.shape.bottom_m), f64::from(bricks.shape.top_m));
+        let leap = if height >= top {
+            let under_root = rise * rise - 4.0 * curve * (height - top);
+            if rise >= 0.0 || under_root < 0.0 {
+                return Some(Flight::Sky);
+            }
+            2.0 * (height - top) / (under_root.sqrt() - rise)
+        } else if height < bottom {
+            if self.to_ground(height, rise, curve).is_some() {
+                return Some(self.end(at, along, height, rise, curve));
+            }
+            let root = (rise * rise + 4.0 * curve * (bottom - height)).sqrt();
+            2.0 * (bottom - height) / (root + rise)
+        } else {
+            0.0
+        };
+        if leap > 0.0 {
+            if !leap.is_finite() || leap >= *reach {
+                *reach = 0.0;
+                return Some(self.end(at, along, height, rise, curve));
+            }
+            go(at, along, leap);
+            *reach -= leap;
+            height = self.height_m(at).clamp(bottom, top);
+            rise = self.rise(at, along);
+        }
+        // The brick here, and the way through it.
+        let mut index = [0usize; 3];
+        let mut exit = *reach;
+        for a in 0..2 {
+            let inside = at[a].rem_euclid(bricks.period_m[a]);
+            let n = ((inside / bricks.size_m[a]) as usize).min(bricks.count[a] - 1);
+            index[a] = n;
+            if bricks.count[a] > 1 {
+                let low = n as f64 * bricks.size_m[a];
+                let high = (low + bricks.size_m[a]).min(bricks.period_m[a]);
+                exit = exit.min(until(inside, along[a], low, high));
+            }
+        }
+        let above = height - bottom;
+        index[2] = ((above / bricks.size_m[2]) as usize).min(bricks.count[2] - 1);
+        let low = index[2] as f64 * bricks.size_m[2];
+        exit = exit.min(until(above, rise, low, low + bricks.size_m[2]));
+        if rise < 0.0 {
+            let ground = height.max(0.0) / -rise;
+            if ground <= exit {
+                exit = ground;
+            }
+        }
+        let majorant = bricks.majorant[(index[2] * bricks.count[1] + index[1]) * bricks.count[0] + index[0]];
+        let free = -(1.0 - random).ln() / f64::from(majorant);
+        if majorant > 0.0 && free < exit {
+            go(at, along, free);
+            *reach -= free;
+            return Some(Flight::Candidate(f64::from(majorant)));
+        }
+        if rise < 0.0 && height - exit * -rise <= OVER_BORDER_M {
+            go(at, along, exit);
+            return Some(Flight::Ground);
+        }
+        go(at, along, exit + OVER_BORDER_M);
+        *reach -= exit + OVER_BORDER_M;
+        None
+    }
+
+    fn extinction(&self, at: &[[f64; 3]; LANES]) -> [f64; LANES] {
+        let Some(bricks) = &self.bricks else {
+            return [0.0; LANES];
+        };
+        let mut p = [Lanes::splat(0.0); 3];
+        let mut t = Lanes::splat(0.0);
+        for l in 0..LANES {
+            p[0].0[l] = at[l][0] as f32;
+            p[1].0[l] = at[l][1] as f32;
+            p[2].0[l] = self.height_m(&at[l]) as f32;
+            t.0[l] = self.distance_m(&at[l]) as f32;
+        }
+        let lanes = look_up(bricks.shape, self.frame.noise, self.frame.detail, &p, t);
+        lanes.0.map(f64::from)
+    }
+
+    fn sun(&self, at: &[f64; 3]) -> [f64; 3] {
+        let light = self.frame.light;
+        match &self.bricks {
+            Some(bricks) => {
+                let (bottom, top) = (f64::from(bricks.shape.bottom_m), f64::from(bricks.shape.top_m));
+                let height = self.height_m(at);
+                // On the ground under the cloud.
+                if height < bottom - 1.0 {
+                    return light.sun_at_ground.map(f64::from);
+                }
+                let share = ((height - bottom) / (top - bottom)).clamp(0.0, 1.0);
+                [0, 1, 2].map(|c| {
+                    let (base, top) = (f64::from(light.sun_at_base[c]), f64::from(light.sun_at_top[c]));
+                    base + (top - base) * share
+                })
+            }
+            None => light.sun_at_ground.map(f64::from),
+        }
+    }
+
+    fn sky(&self, along: &[f64; 3]) -> [f64; 3] {
+        self.look(along, false)
+    }
+
+    fn background(&self, along: &[f64; 3]) -> [f64; 3] {
+        let frame = self.frame;
+        let mut light = self.look(along, false);
+        let sun = frame.sun_direction.map(f64::from);
+        let turn = along[0] * sun[0] + along[1] * sun[1] + along[2] * sun[2];
+        let angle = (2.0 * (1.0 - turn)).max(0.0).sqrt();
+        let pixel = 2.0 * f64::from(frame.half_height) / frame.height as f64 * f64::from(SUN_EDGE_PIXELS);
+        let radius = f64::from(SUN_ANGULAR_RADIUS);
+        let disc = ((radius + pixel * 0.5 - angle) / pixel).clamp(0.0, 1.0);
+        for c in 0..3 {
+            light[c] += disc * f64::from(frame.sun_disc[c]) / (std::f64::consts::PI * radius * radius);
+        }
+        light
+    }
+
+    fn air(&self, at: &[f64; 3], along: &[f64; 3]) -> [[f64; 3]; 2] {
+        if !self.frame.haze_on_cloud {
+            return [[0.0; 3], [1.0; 3]];
+        }
+        let [whole, passed] = self.haze(along, self.distance_m(at));
+        let below = self
+            .to_ground(f64::from(self.frame.position_m[2]), along[2], curve(along))
+            .is_some();
+        let sky = self.look(along, below);
+        let added = [0, 1, 2].map(|c| sky[c] * ((1.0 - passed[c]) / (1.0 - whole[c]).max(1e-6)).min(1.0));
+        [added, passed]
+    }
+
+    fn seen_ground(&self, at: &[f64; 3], along: &[f64; 3]) -> [[f64; 3]; 2] {
+        let frame = self.frame;
+        let distance = self.distance_m(at);
+        let [whole, _] = self.haze(along, distance);
+        let mut added = self.look(along, true);
+        let d = along.map(|v| Lanes::splat(v as f32));
+        let albedo = ground::albedo(
+            frame.ground,
+            frame.noise,
+            Lanes::splat(at[0] as f32),
+            Lanes::splat(at[1] as f32),
+            Lanes::splat(distance as f32),
+        );
+        let mut factor = [0, 1, 2].map(|c| f64::from(albedo[c].0[0]) * whole[c]);
+        if frame.ground == Ground::Sea {
+            let share = f64::from(ground::mirror_share(d[2]).0[0]);
+            let mirrored = frame.sky.look(&ground::mirrored(&d));
+            for c in 0..3 {
+                added[c] += whole[c] * share * f64::from(mirrored[c].0[0]);
+                factor[c] *= 1.0 - share;
+            }
+        }
+        [added, factor]
+    }
+
+    fn ground_albedo(&self) -> [f64; 3] {
+        self.frame.ground.albedo().map(f64::from)
+    }
+
+    fn reaches(&self) -> [f64; 2] {
+        [f64::from(DRAW_DISTANCE_M), REACH_M]
+    }
+}
+
+/// Distance until a coordinate leaves its range.
+fn until(at: f64, speed: f64, low: f64, high: f64) -> f64 {
+    let distance = if speed > 0.0 {
+        (high - at) / speed
+    } else if speed < 0.0 {
+        (low - at) / speed
+    } else {
+        f64::INFINITY
+    };
+    distance.max(0.0)
+}
+
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma",
+    "x86_64+avx2+fma",
+    "aarch64+neon"
+))]
+fn look_up(shape: &Shape, noise: &DetailNoise, detail: Option<FrameDetail>, p: &[Lanes; 3], t: Lanes) -> Lanes {
+    detailed_extinction(shape, noise, detail, p, t, t.smallest())
+}
+
+/// Adds `samples` paths through the middle of every pixel of a frame's picture to its film.
+pub fn trace(frame: &Frame<'_>, scatterer: &Scatterer, albedo: f64, film: &mut Film, samples: u32) {
+    let medium = Volume::new(frame);
+    let sun = frame.sun_direction.map(f64::from);
+    let length = (sun[0] * sun[0] + sun[1] * sun[1] + sun[2] * sun[2]).sqrt();
+    let lit = [
+        frame.light.sun_at_top,
+        frame.light.sun_at_base,
+        frame.light.sun_at_ground,
+    ];
+    let tracer = PathTracer {
+        medium: &medium,
+        scatterer,
+        sun_direction: lit.iter().flatten().any(|v| *v > 0.0).then(|| sun.map(|v| v / length)),
+        albedo: albedo.clamp(0.0, 1.0),
+    };
+    let [right, up, ahead] = frame.axes.map(|a| a.map(f64::from));
+    let scale = 2.0 * f64::from(frame.half_height) / frame.height as f64;
+    let start = |pixel: usize| {
+        let x = (pixel % frame.width) as f64 + 0.5 - 0.5 * frame.width as f64;
+        let y = (pixel / frame.width) as f64 + 0.5 - 0.5 * frame.height as f64;
+        let d = [0, 1, 2].map(|a| scale * (x * right[a] - y * up[a]) + ahead[a]);
+        let length = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
+        [frame.position_m.map(f64::from), d.map(|v| v / length)]
+    };
+    tracer.trace(film, &start, samples);
+}
