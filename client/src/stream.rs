@@ -168,7 +168,7 @@ pub fn connect(url: &str, options: Options) -> Result<Events, ClientError> {
 }
 
 /// Why a connection ended.
-enum End {
+pub(crate) enum End {
     Error(ClientError),
     /// Nobody listens any more.
     Unheard,

@@ -18,7 +18,7 @@ use welkin_proto::volume::{DecodeLimits, Receiver, Taken, VOLUME_VERSION, Volume
 use crate::clock::Clock;
 use crate::error::ClientError;
 use crate::record::{Record, RecordKind};
-use crate::stream::{Next, SILENCE_LIMIT, handshake, pause_after};
+use crate::stream::{End, Next, SILENCE_LIMIT, handshake, pause_after};
 use crate::url::ServerUrl;
 
 /// Events that may wait for the reader; then the connection is not read either, and the server skips to the newest.
@@ -304,19 +304,6 @@ pub fn subscribe_and_record(
     Ok(Volumes::from_source(move |source| {
         follow(server, options, source, record)
     }))
-}
-
-/// Why a connection ended.
-enum End {
-    Error(ClientError),
-    /// Nobody listens any more.
-    Unheard,
-}
-
-impl From<ClientError> for End {
-    fn from(error: ClientError) -> Self {
-        Self::Error(error)
-    }
 }
 
 async fn follow(

@@ -4,7 +4,7 @@
 /** @import { Frame, Numbers } from "./types.js" */
 /** @import { Drawn } from "./local.js" */
 
-import { readable } from "./panel.js";
+import { addNumber, readable } from "./panel.js";
 
 const PROBES = 5;
 const PROBE_LIMIT_MS = 5_000;
@@ -62,18 +62,7 @@ export class LatencyBoard {
     /** @type {Map<Part, HTMLElement>} */
     this.values = new Map();
     for (const [part, name, hint] of PARTS) {
-      const line = document.createElement("div");
-      line.className = "number";
-      line.title = hint;
-      const label = document.createElement("span");
-      label.className = "name";
-      label.textContent = name;
-      const value = document.createElement("span");
-      value.className = "value";
-      value.id = `latency-${part}`;
-      value.textContent = "–";
-      line.append(label, value);
-      parent.append(line);
+      const { value } = addNumber(parent, `latency-${part}`, name, hint);
       this.values.set(part, value);
     }
   }

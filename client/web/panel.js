@@ -8,6 +8,26 @@ const WINDOW_MS = 5 * 60_000;
 const SAMPLES_MAX = 600;
 
 /**
+ * Adds a line with a name and a value that is not known yet.
+ * @param {HTMLElement} parent @param {string} id of the value @param {string} name @param {string} hint
+ */
+export function addNumber(parent, id, name, hint) {
+  const line = document.createElement("div");
+  line.className = "number";
+  line.title = hint;
+  const label = document.createElement("span");
+  label.className = "name";
+  label.textContent = name;
+  const value = document.createElement("span");
+  value.className = "value";
+  value.id = id;
+  value.textContent = "–";
+  line.append(label, value);
+  parent.append(line);
+  return { line, value };
+}
+
+/**
  * Finds an element that the page must have.
  * @template {HTMLElement} T
  * @param {string} id
@@ -211,20 +231,10 @@ export class NumberBoard {
 
   /** @param {HTMLElement} parent @param {string} id @param {string} name @param {string} hint */
   addRow(parent, id, name, hint) {
-    const line = document.createElement("div");
-    line.className = "number";
-    line.title = hint;
-    const label = document.createElement("span");
-    label.className = "name";
-    label.textContent = name;
-    const value = document.createElement("span");
-    value.className = "value";
-    value.id = `n-${id}`;
-    value.textContent = "–";
+    const { line, value } = addNumber(parent, `n-${id}`, name, hint);
     const canvas = document.createElement("canvas");
     canvas.setAttribute("aria-hidden", "true");
-    line.append(label, value, canvas);
-    parent.append(line);
+    line.append(canvas);
     return { value, canvas };
   }
 

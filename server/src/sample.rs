@@ -149,7 +149,7 @@ fn lid_m(grid: &Grid) -> f64 {
 }
 
 /// Eight cells around a place with their weights, and how far it lies beyond the outermost centre.
-struct Stencil {
+pub(crate) struct Stencil {
     cells: [usize; 8],
     weights: [f64; 8],
     levels: [usize; 2],
@@ -159,7 +159,8 @@ struct Stencil {
 }
 
 impl Stencil {
-    fn new(grid: &Grid, [x_m, y_m, z_m]: [f64; 3]) -> Self {
+    /// Of a place in local metres: sideways the box repeats, below and above the outermost centres those are held.
+    pub(crate) fn new(grid: &Grid, [x_m, y_m, z_m]: [f64; 3]) -> Self {
         let wrapped = |axis: usize, at_m: f64| {
             let n = grid.cells[axis];
             let at = (at_m / f64::from(grid.cell_size_m[axis]) - 0.5).rem_euclid(n as f64);
@@ -191,7 +192,8 @@ impl Stencil {
         }
     }
 
-    fn mean(&self, field: &[f32]) -> f64 {
+    /// The trilinear mean of a field at centres.
+    pub(crate) fn mean(&self, field: &[f32]) -> f64 {
         (0..8).map(|i| self.weights[i] * f64::from(field[self.cells[i]])).sum()
     }
 

@@ -5,70 +5,24 @@
 // The page draws by itself from the streamed volume with the server's kernels; its picture is held against the server's own of the same tick,
 // camera and size. Exit code 0 says that every check held; a failed check is named on standard error.
 
-import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
-import { chromium } from "playwright-core";
+import { readFileSync, writeFileSync } from "node:fs";
+import { check, drive, waiting } from "./common.mjs";
 
-const [url, outDir] = process.argv.slice(2);
-const executablePath = process.env.WELKIN_CHROMIUM;
-if (!url || !outDir || !executablePath) {
-  console.error("usage: WELKIN_CHROMIUM=/path/to/chromium node local.mjs URL OUT_DIR");
-  process.exit(2);
-}
-mkdirSync(outDir, { recursive: true });
-
-// Whatever hangs, this ends.
-const WHOLE_LIMIT_MS = 240_000;
 const STEP_LIMIT_MS = 120_000;
-const watchdog = setTimeout(() => {
-  console.error(`FAILED: not done after ${WHOLE_LIMIT_MS / 1000} s`);
-  process.exit(3);
-}, WHOLE_LIMIT_MS);
-
-/** Waits until a condition holds; the error says what did not come about, and what was seen last. */
-async function until(what, probe) {
-  const end = Date.now() + STEP_LIMIT_MS;
-  let seen;
-  do {
-    seen = await probe();
-    if (seen === true || (typeof seen === "object" && seen !== null && seen.ok)) {
-      return seen;
-    }
-    await new Promise((resolve) => setTimeout(resolve, 100));
-  } while (Date.now() < end);
-  throw new Error(`${what}: not within ${STEP_LIMIT_MS / 1000} s; seen last: ${JSON.stringify(seen)}`);
-}
-
-function check(what, holds, seen) {
-  if (!holds) {
-    throw new Error(`${what}; seen: ${JSON.stringify(seen)}`);
-  }
-  console.error(`ok: ${what}`);
-}
+const until = waiting(STEP_LIMIT_MS);
 
 const SIZE = { width: 160, height: 90 };
 
-const browser = await chromium.launch({
-  executablePath,
-  timeout: 60_000,
-  args: [
-    "--headless=new",
-    "--no-sandbox",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--enable-unsafe-webgpu",
-    "--enable-features=Vulkan,WebGPU",
-    "--use-vulkan=swiftshader",
-    "--use-webgpu-adapter=swiftshader",
-    "--use-angle=swiftshader",
-    "--ignore-gpu-blocklist",
-  ],
-});
+const WEBGPU_ON_THE_PROCESSOR = [
+  "--enable-unsafe-webgpu",
+  "--enable-features=Vulkan,WebGPU",
+  "--use-vulkan=swiftshader",
+  "--use-webgpu-adapter=swiftshader",
+  "--use-angle=swiftshader",
+  "--ignore-gpu-blocklist",
+];
 
-let failed = false;
-try {
+await drive(WEBGPU_ON_THE_PROCESSOR, async (browser, url, outDir) => {
   const page = await browser.newPage({ viewport: SIZE, deviceScaleFactor: 1, acceptDownloads: true });
   page.setDefaultTimeout(STEP_LIMIT_MS);
   const complaints = [];
@@ -212,12 +166,4 @@ try {
   await until("the server draws again", async () => (await text("#drawn-by")) === "Drawn by the server.");
   check("and the canvas is gone", await page.locator("#sky-here").isHidden(), null);
   check("no script failed", complaints.length === 0, complaints);
-} catch (error) {
-  failed = true;
-  console.error(`FAILED: ${error instanceof Error ? error.message : error}`);
-} finally {
-  await Promise.race([browser.close().catch(() => null), new Promise((resolve) => setTimeout(resolve, 15_000))]);
-  clearTimeout(watchdog);
-}
-console.log(failed ? "FAILED" : "PASSED");
-process.exit(failed ? 1 : 0);
+});

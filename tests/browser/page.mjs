@@ -5,25 +5,11 @@
 // It asks its parent for the server's death and return by the lines STOP and START on standard output, and waits for
 // STOPPED and STARTED on standard input. Exit code 0 says that every check held; a failed check is named on standard error.
 
-import { mkdirSync } from "node:fs";
 import { createInterface } from "node:readline";
-import { chromium } from "playwright-core";
+import { check, drive, waiting } from "./common.mjs";
 
-const [url, outDir] = process.argv.slice(2);
-const executablePath = process.env.WELKIN_CHROMIUM;
-if (!url || !outDir || !executablePath) {
-  console.error("usage: WELKIN_CHROMIUM=/path/to/chromium node page.mjs URL OUT_DIR");
-  process.exit(2);
-}
-mkdirSync(outDir, { recursive: true });
-
-// Whatever hangs, this ends.
-const WHOLE_LIMIT_MS = 240_000;
 const STEP_LIMIT_MS = 60_000;
-const watchdog = setTimeout(() => {
-  console.error(`FAILED: not done after ${WHOLE_LIMIT_MS / 1000} s`);
-  process.exit(3);
-}, WHOLE_LIMIT_MS);
+const until = waiting(STEP_LIMIT_MS);
 
 const lines = createInterface({ input: process.stdin })[Symbol.asyncIterator]();
 
@@ -34,27 +20,6 @@ async function askParent(request, answer) {
   if (done || value.trim() !== answer) {
     throw new Error(`the parent answered ${JSON.stringify(value)} to ${request}, not ${answer}`);
   }
-}
-
-/** Waits until a condition holds; the error says what did not come about, and what was seen last. */
-async function until(what, probe, limitMs = STEP_LIMIT_MS) {
-  const end = Date.now() + limitMs;
-  let seen;
-  do {
-    seen = await probe();
-    if (seen === true || (typeof seen === "object" && seen !== null && seen.ok)) {
-      return seen;
-    }
-    await new Promise((resolve) => setTimeout(resolve, 100));
-  } while (Date.now() < end);
-  throw new Error(`${what}: not within ${limitMs / 1000} s; seen last: ${JSON.stringify(seen)}`);
-}
-
-function check(what, holds, seen) {
-  if (!holds) {
-    throw new Error(`${what}; seen: ${JSON.stringify(seen)}`);
-  }
-  console.error(`ok: ${what}`);
 }
 
 /** A digest of the canvas: its size, the spread of its brightness, and a 16 x 9 thumbnail. */
@@ -91,22 +56,7 @@ const slide = (page, selector, value) =>
     input.dispatchEvent(new Event("change", { bubbles: true }));
   }, value);
 
-const browser = await chromium.launch({
-  executablePath,
-  timeout: 60_000,
-  args: [
-    "--headless=new",
-    "--no-sandbox",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-  ],
-});
-
-let failed = false;
-try {
+await drive([], async (browser, url, outDir) => {
   const page = await browser.newPage({ viewport: { width: 1280, height: 720 } });
   page.setDefaultTimeout(STEP_LIMIT_MS);
   /** @type {string[]} */
@@ -416,13 +366,4 @@ try {
   );
   check("every control is within the screen's width", outside.length === 0, outside);
   await phone.screenshot({ path: `${outDir}/phone-panel.png`, timeout: STEP_LIMIT_MS });
-} catch (error) {
-  failed = true;
-  console.error(`FAILED: ${error instanceof Error ? error.message : error}`);
-} finally {
-  // Closing has been seen to hang: it gets its time, and then the process ends all the same.
-  await Promise.race([browser.close().catch(() => null), new Promise((resolve) => setTimeout(resolve, 15_000))]);
-  clearTimeout(watchdog);
-}
-console.log(failed ? "FAILED" : "PASSED");
-process.exit(failed ? 1 : 0);
+});

@@ -130,16 +130,7 @@ fn tools_or_skip(here: &Path) -> Option<(PathBuf, PathBuf)> {
     match tools(here) {
         Ok(tools) => Some(tools),
         Err(missing) => {
-            let required = std::env::var("WELKIN_REQUIRE").unwrap_or_default();
-            assert!(
-                !required.split(',').any(|what| what.trim() == "browser"),
-                "the browser test is required; missing: {missing}"
-            );
-            // Past the test harness's capture, so that nobody takes it for a test that ran.
-            let _ = writeln!(
-                std::io::stderr(),
-                "\n*** SKIP: the web page was NOT tested; missing: {missing}\n"
-            );
+            welkin_tests::skip("the web page", "browser", missing);
             None
         }
     }

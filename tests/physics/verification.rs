@@ -357,7 +357,7 @@ fn holes_are_filled_from_their_own_column() {
         })
         .collect();
     let mut after = before.clone();
-    hole_filler::run(&p, &mut vec![0.0; plane], &mut vec![[0.0; 2]; 19], &mut after);
+    hole_filler::run(&p, &mut vec![0.0; plane], &mut after);
     let column = |values: &[f32], at: usize| -> Vec<f32> { values.iter().skip(at).step_by(plane).copied().collect() };
     let mass = |values: &[f32]| -> f64 {
         let cells = values.iter().zip(&p.density_kg_m3);

@@ -41,15 +41,12 @@ pub fn route() -> Route {
         .web_socket()
 }
 
-async fn open(State(state): State<AppState>, WorldOf(host): WorldOf, request: Request) -> Result<Response, Refusal> {
-    let view = host.view().clone();
-    drop(host); // the world may be stopped while the stream is open
-    let (shared, world) = (state.clone(), view.clone());
+async fn open(State(state): State<AppState>, world: WorldOf, request: Request) -> Result<Response, Refusal> {
     let most = state.limits().body_bytes_max;
-    socket::open(state, view, request, most, move |connection| async move {
+    socket::open(state, world, request, most, |connection, state, world| async move {
         let mut stream = Stream {
             connection,
-            state: shared,
+            state,
             world,
             wish: None,
             positions: None,

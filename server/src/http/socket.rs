@@ -15,6 +15,7 @@ use tokio::time::{Instant, Interval, MissedTickBehavior, interval, timeout};
 use welkin_proto::ApiError;
 
 use super::error::Refusal;
+use super::extract::WorldOf;
 use super::route::{Place, Route};
 use super::state::AppState;
 use crate::host::View;
@@ -37,20 +38,23 @@ impl Route {
     }
 }
 
-/// Opens a WebSocket to a world and lets `live` run it until it ends; counted as a stream, and as somebody who looks on.
+/// Opens a WebSocket to a world and lets `live` run it until it ends; counted as a stream, and as somebody who looks on. The world may be stopped
+/// meanwhile: only its view is kept.
 ///
 /// Errors: `foreign_origin`, `upgrade_required`, `too_many_streams`.
 pub async fn open<L, F>(
     state: AppState,
-    world: View,
+    WorldOf(host): WorldOf,
     request: Request,
     message_bytes_max: usize,
     live: L,
 ) -> Result<Response, Refusal>
 where
-    L: FnOnce(Connection) -> F + Send + 'static,
+    L: FnOnce(Connection, AppState, View) -> F + Send + 'static,
     F: Future<Output = (Connection, End)> + Send + 'static,
 {
+    let world = host.view().clone();
+    drop(host);
     let (mut parts, _) = request.into_parts();
     refuse_foreign_origin(&parts.headers)?;
     let upgrade = WebSocketUpgrade::from_request_parts(&mut parts, &state).await;
@@ -68,9 +72,9 @@ where
             pings,
             heard_at: Instant::now(),
             answered: Bytes::new(),
-            world,
+            world: world.clone(),
         };
-        let (connection, end) = live(connection).await;
+        let (connection, end) = live(connection, state, world).await;
         connection.close(end).await;
     };
     Ok(upgrade

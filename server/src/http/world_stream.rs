@@ -30,16 +30,13 @@ pub fn route() -> Route {
         .web_socket()
 }
 
-async fn open(State(state): State<AppState>, WorldOf(host): WorldOf, request: Request) -> Result<Response, Refusal> {
-    let view = host.view().clone();
-    drop(host); // the world may be stopped while the stream is open
-    let (shared, world) = (state.clone(), view.clone());
+async fn open(State(state): State<AppState>, world: WorldOf, request: Request) -> Result<Response, Refusal> {
     let most = state.limits().message_bytes_max;
-    socket::open(state, view, request, most, move |connection| async move {
+    socket::open(state, world, request, most, |connection, state, world| async move {
         let mut stream = Stream {
             connection,
-            viewing: Viewing::new(&shared),
-            state: shared,
+            viewing: Viewing::new(&state),
+            state,
             world,
             frame_header: FrameHeader::first_version(),
             sequence: 0,

@@ -41,15 +41,12 @@ pub fn route() -> Route {
         .web_socket()
 }
 
-async fn open(State(state): State<AppState>, WorldOf(host): WorldOf, request: Request) -> Result<Response, Refusal> {
-    let world = host.view().clone();
-    drop(host); // the world may be stopped while the stream is open
-    let (shared, view) = (state.clone(), world.clone());
+async fn open(State(state): State<AppState>, world: WorldOf, request: Request) -> Result<Response, Refusal> {
     let most = state.limits().message_bytes_max;
-    socket::open(state, view, request, most, move |connection| async move {
+    socket::open(state, world, request, most, |connection, state, world| async move {
         let mut session = Session {
             connection,
-            state: shared,
+            state,
             world,
             subscribed: None,
             pings: 0,

@@ -24,13 +24,23 @@ struct State {
 }
 
 impl State {
-    fn fields(&mut self) -> [&mut Vec<f64>; 4] {
-        [
+    fn fields(&self) -> [&[f64]; 4] {
+        [&self.density, &self.momentum_x, &self.momentum_z, &self.heat]
+    }
+
+    /// Becomes `start` and `seconds` of `slope`.
+    fn step(&mut self, start: &State, slope: &State, seconds: f64) {
+        let fields = [
             &mut self.density,
             &mut self.momentum_x,
             &mut self.momentum_z,
             &mut self.heat,
-        ]
+        ];
+        for ((to, from), slope) in fields.into_iter().zip(start.fields()).zip(slope.fields()) {
+            for ((to, from), slope) in to.iter_mut().zip(from).zip(slope) {
+                *to = from + seconds * slope;
+            }
+        }
     }
 }
 
@@ -124,12 +134,13 @@ impl Compressible {
 
     /// Velocities at west and lower faces, m/s.
     pub(super) fn velocities_m_s(&self) -> [Vec<f32>; 2] {
-        let (_, u, w) = self.velocities(&self.state);
+        let (_, u, w) = self.velocities();
         [u, w].map(|v| v.into_iter().map(|v| v as f32).collect())
     }
 
     /// Density at centres, velocities at west and lower faces.
-    fn velocities(&self, state: &State) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
+    fn velocities(&self) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
+        let state = &self.state;
         let nx = self.cells[0];
         let rho: Vec<f64> = (0..state.density.len())
             .map(|n| self.base_density[n / nx] + state.density[n])
@@ -152,10 +163,12 @@ impl Compressible {
         (rho, u, w)
     }
 
-    fn tendency(&self, state: &State, out: &mut State) {
+    /// Writes the rates of change to `out`.
+    fn tendency(&self, out: &mut State) {
+        let state = &self.state;
         let [nx, nz] = self.cells;
         let theta0 = self.potential_temperature_k;
-        let (rho, u, w) = self.velocities(state);
+        let (rho, u, w) = self.velocities();
         let theta: Vec<f64> = (0..rho.len())
             .map(|n| (self.base_density[n / nx] * theta0 + state.heat[n]) / rho[n])
             .collect();
@@ -282,14 +295,8 @@ impl Compressible {
         for step in 0..steps as usize {
             let start = self.state.clone();
             for share in [1.0 / 3.0, 0.5, 1.0] {
-                let now = self.state.clone();
-                self.tendency(&now, &mut slope);
-                let mut first = start.clone();
-                for ((to, from), slope) in self.state.fields().into_iter().zip(first.fields()).zip(slope.fields()) {
-                    for ((to, from), slope) in to.iter_mut().zip(from).zip(slope) {
-                        *to = *from + share * step_s * *slope;
-                    }
-                }
+                self.tendency(&mut slope);
+                self.state.step(&start, &slope, share * step_s);
             }
             self.seconds += step_s;
             if step.is_multiple_of(64) && !progress(self) {

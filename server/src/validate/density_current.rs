@@ -133,45 +133,38 @@ pub(super) fn run(context: &Context) -> Result<Findings, ValidateError> {
     for run in &runs {
         let at = format!("{:.0} m", run.cell_m);
         let held = run.cell_m == 100.0;
-        let mut push = |figure: Figure, aim: Aim| figures.push(if held { figure.aimed(aim) } else { figure });
-        let front = Figure::beside(format!("front, {at}"), "m", run.front_m, FRONT_M);
-        match truths.iter().find(|truth| truth.cell_m == run.cell_m) {
-            Some(truth) => {
-                let published = Figure::beside(format!("front, compressible, {at}"), "m", truth.front_m, FRONT_M);
-                push(published, Aim::Within { distance: 250.0 });
-                figures.push(front);
-                figures.push(Figure::beside(
-                    format!("front, {at}, beside the compressible one"),
-                    "m",
-                    run.front_m,
-                    truth.front_m,
-                ));
-                for (what, ours, published) in [
-                    ("theta' min", extremes(&truth.excess)[0], THETA_MIN_K),
-                    ("u max", truth.u[1], U[1]),
-                    ("w max", truth.w[1], W[1]),
-                    ("w min", truth.w[0], W[0]),
-                ] {
-                    let unit = if what.starts_with('t') { "K" } else { "m/s" };
-                    figures.push(Figure::beside(
-                        format!("{what}, compressible, {at}"),
-                        unit,
-                        ours,
-                        published,
-                    ));
-                }
-            }
-            None => figures.push(front),
+        let aimed = |figure: Figure, aim: Aim| if held { figure.aimed(aim) } else { figure };
+        let truth = truths.iter().find(|truth| truth.cell_m == run.cell_m);
+        if let Some(truth) = truth {
+            let published = Figure::beside(format!("front, compressible, {at}"), "m", truth.front_m, FRONT_M);
+            figures.push(aimed(published, Aim::Within { distance: 250.0 }));
         }
-        let mut push = |figure: Figure, aim: Aim| figures.push(if held { figure.aimed(aim) } else { figure });
-        push(
+        figures.push(Figure::beside(format!("front, {at}"), "m", run.front_m, FRONT_M));
+        if let Some(truth) = truth {
+            let beside = format!("front, {at}, beside the compressible one");
+            figures.push(Figure::beside(beside, "m", run.front_m, truth.front_m));
+            for (what, unit, ours, published) in [
+                ("theta' min", "K", extremes(&truth.excess)[0], THETA_MIN_K),
+                ("u max", "m/s", truth.u[1], U[1]),
+                ("w max", "m/s", truth.w[1], W[1]),
+                ("w min", "m/s", truth.w[0], W[0]),
+            ] {
+                figures.push(Figure::beside(
+                    format!("{what}, compressible, {at}"),
+                    unit,
+                    ours,
+                    published,
+                ));
+            }
+        }
+        figures.push(aimed(
             Figure::beside(format!("theta' min, {at}"), "K", extremes(&run.excess)[0], THETA_MIN_K),
             Aim::Within { distance: 0.5 },
-        );
-        push(
+        ));
+        figures.push(aimed(
             Figure::alone(format!("asymmetry of theta', {at}"), "1", run.lopsided),
             Aim::Between { least: 0.0, most: 1e-4 },
-        );
+        ));
         for (what, ours, published) in [
             ("u max", run.u[1], U[1]),
             ("u min", run.u[0], U[0]),

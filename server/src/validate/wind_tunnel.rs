@@ -12,6 +12,7 @@ use welkin_shaders::catalogue::Field;
 
 use super::{Aim, Context, Figure, Findings, Plot, ValidateError, field};
 use crate::plot::{self, Chart, Mark, Panel, Picture, Series};
+use crate::sample::Stencil;
 use crate::world::World;
 
 /// How long the tunnel runs, s.
@@ -42,37 +43,19 @@ struct Guide {
     gone_m: f64,
 }
 
-/// Trilinear value of a field whose value 0 along each axis lies at `first_m`; periodic in x and y, held at ground and lid.
-fn at(world: &World, values: &[f32], first_m: [f64; 3], at_m: [f64; 3]) -> f64 {
-    let grid = world.parameters().grid;
-    let place = [0, 1, 2].map(|a| (at_m[a] - first_m[a]) / f64::from(grid.cell_size_m[a]));
-    let (low, part) = (place.map(f64::floor), place.map(|p| p - p.floor()));
-    let mut sum = 0.0;
-    for corner in 0..8usize {
-        let up = [corner & 1, corner >> 1 & 1, corner >> 2];
-        let cell = |a: usize| (low[a] + up[a] as f64) as i64;
-        let weight: f64 = [0, 1, 2]
-            .map(|a| if up[a] == 1 { part[a] } else { 1.0 - part[a] })
-            .iter()
-            .product();
-        let x = cell(0).rem_euclid(grid.cells[0] as i64) as usize;
-        let y = cell(1).rem_euclid(grid.cells[1] as i64) as usize;
-        let z = cell(2).clamp(0, grid.cells[2] as i64 - 1) as usize;
-        sum += weight * f64::from(values[grid.index(x, y, z)]);
-    }
-    sum
-}
-
 impl Guide {
     /// Goes with the wind for `seconds`: the midpoint rule in space, the newest wind in time.
     fn drift(&mut self, world: &World, seconds: f64) {
-        let half = world.parameters().grid.cell_size_m.map(|d| 0.5 * f64::from(d));
-        let components = [
-            (field(world, Field::VelocityX), [0.0, half[1], half[2]]),
-            (field(world, Field::VelocityY), [half[0], 0.0, half[2]]),
-            (field(world, Field::VelocityZ), [half[0], half[1], 0.0]),
-        ];
-        let wind = |at_m: [f64; 3]| [0, 1, 2].map(|a| at(world, &components[a].0, components[a].1, at_m));
+        let grid = world.parameters().grid;
+        let components = [Field::VelocityX, Field::VelocityY, Field::VelocityZ].map(|f| field(world, f));
+        let wind = |at_m: [f64; 3]| {
+            [0, 1, 2].map(|axis| {
+                // A component lies half a cell before the centres along its own axis.
+                let mut as_if_m = at_m;
+                as_if_m[axis] += 0.5 * f64::from(grid.cell_size_m[axis]);
+                Stencil::new(&grid, as_if_m).mean(&components[axis])
+            })
+        };
         let here = wind(self.at_m);
         let middle = wind([0, 1, 2].map(|a| self.at_m[a] + 0.5 * seconds * here[a]));
         self.gone_m += seconds * middle[0];

@@ -332,12 +332,11 @@ impl Device for Cpu {
                 self.sum_levels = levels;
             }
             Pass::FillWater => {
-                let (mut levels, mut columns) =
-                    (std::mem::take(&mut self.sum_levels), std::mem::take(&mut self.columns));
+                let mut columns = std::mem::take(&mut self.columns);
                 self.writing([Field::NextWater], |d, [out]| {
-                    hole_filler::run(&d.parameters, &mut columns, &mut levels, out);
+                    hole_filler::run(&d.parameters, &mut columns, out);
                 });
-                (self.sum_levels, self.columns) = (levels, columns);
+                self.columns = columns;
             }
             Pass::LinearHeat => self.carry(
                 Rung::SemiLagrangianLinear,

@@ -73,7 +73,6 @@ struct Pending {
     staging: Vec<wgpu::Buffer>,
     next: usize,
     flights: VecDeque<Flight>,
-    fresh: bool,
 }
 
 /// Where a pass writes its two time stamps.
@@ -105,6 +104,8 @@ pub(super) struct Readback {
     queries: Option<(wgpu::QuerySet, wgpu::Buffer, f64)>,
     timed: Vec<Pass>,
     state: Pending,
+    /// Whether the next answer on the state waits for its own block.
+    fresh: bool,
     tick: Pending,
     reductions: Reductions,
     vitals: Vitals,
@@ -123,7 +124,6 @@ impl Readback {
                 .collect::<Result<Vec<_>, _>>()?;
             Ok(Pending {
                 staging,
-                fresh: true,
                 ..Pending::default()
             })
         };
@@ -165,6 +165,7 @@ impl Readback {
             queries,
             timed: Vec::new(),
             state: ring("reductions, read", BLOCK_BYTES + 8 * QUERIES as u64)?,
+            fresh: true,
             tick: ring("numbers of a tick, read", sums_bytes + 32)?,
             reductions: Reductions::default(),
             vitals: Vitals::default(),
@@ -273,7 +274,7 @@ impl Readback {
 
     /// The next answers are of the state as it is when they are asked for.
     pub(super) fn forget(&mut self) {
-        self.state.fresh = true;
+        self.fresh = true;
     }
 
     /// Blocks that are due: all but the newest `leave`, which are still being computed.
@@ -303,7 +304,7 @@ impl Readback {
     /// The newest reductions that have arrived.
     pub(super) fn reductions(&mut self, context: &Context) -> Reductions {
         // Where a fresh answer is wanted, all of them.
-        let leave = usize::from(!std::mem::take(&mut self.state.fresh));
+        let leave = usize::from(!std::mem::take(&mut self.fresh));
         for (staged, bytes) in Self::arrived(&mut self.state, leave, context) {
             let block: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes[..BLOCK_BYTES as usize]);
             let number = |place: usize| f32::from_bits(block[place]);

@@ -5,7 +5,7 @@ use axum::response::Response;
 use welkin_proto::ApiError;
 
 use super::coverage::answer;
-use super::grid::{Axes, centres_within, cover};
+use super::grid::{asked_of, centres_within, cover};
 use super::query;
 use super::wkt::{self, Geometry, Vertex};
 use crate::http::error::Refusal;
@@ -51,18 +51,7 @@ async fn area(State(state): State<AppState>, WorldOf(host): WorldOf, Pairs(pairs
         let message = "so many corners over so many cells take too long; give fewer of either";
         return Err(ApiError::new("too_large", message).at("/coords").into());
     }
-    let z_m = query::levels_m(&asked.heights, &view)?;
-    let axes = Axes { x_m, y_m, z_m };
-    let places = axes.x_m.len() * axes.y_m.len() * axes.z_m.len();
-    query::check_values(places, 1, asked.quantities.len(), state.limits().edr_values_max)?;
-    let past = query::past(&view, &asked.quantities).await?;
-    let moments = query::moments(&past, asked.times)?;
-    query::check_values(
-        places,
-        moments.len(),
-        asked.quantities.len(),
-        state.limits().edr_values_max,
-    )?;
+    let (axes, moments) = asked_of(&view, &asked, [x_m, y_m], state.limits().edr_values_max).await?;
     let work = move || {
         let columns = axes
             .y_m

@@ -5,7 +5,7 @@ use axum::response::Response;
 use welkin_proto::ApiError;
 
 use super::coverage::answer;
-use super::grid::{Axes, centres_within, cover};
+use super::grid::{asked_of, centres_within, cover};
 use super::query::{self, Heights};
 use crate::http::error::Refusal;
 use crate::http::extract::{Pairs, WorldOf};
@@ -50,18 +50,7 @@ async fn cube(State(state): State<AppState>, WorldOf(host): WorldOf, Pairs(pairs
         let message = "no cell has its centre in the box; see the collection's extent";
         return Err(ApiError::new("outside_domain", message).at("/bbox").into());
     }
-    let z_m = query::levels_m(&asked.heights, &view)?;
-    let axes = Axes { x_m, y_m, z_m };
-    let places = axes.x_m.len() * axes.y_m.len() * axes.z_m.len();
-    query::check_values(places, 1, asked.quantities.len(), state.limits().edr_values_max)?;
-    let past = query::past(&view, &asked.quantities).await?;
-    let moments = query::moments(&past, asked.times)?;
-    query::check_values(
-        places,
-        moments.len(),
-        asked.quantities.len(),
-        state.limits().edr_values_max,
-    )?;
+    let (axes, moments) = asked_of(&view, &asked, [x_m, y_m], state.limits().edr_values_max).await?;
     let work = move || cover(&view, &axes, &moments, &asked.quantities, None);
     Ok(answer(sampling::work(&state, work).await?))
 }

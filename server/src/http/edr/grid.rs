@@ -5,6 +5,7 @@ use welkin_proto::ApiError;
 use welkin_proto::sample::Quantity;
 
 use super::coverage::{self, Domain, instant};
+use super::query::{self, Query};
 use crate::host::View;
 use crate::sample::{self, Moments};
 
@@ -38,6 +39,26 @@ pub fn centres_within(view: &View, west: f64, south: f64, east: f64, north: f64)
             .filter(|&y| (south..=north).contains(&degrees(0.0, y)[0]))
             .collect(),
     ]
+}
+
+/// What a query asks for of these columns: its levels with them, and its moments.
+///
+/// Errors: those of [`query::levels_m`], [`query::past`] and [`query::moments`]; of [`query::check_values`], before anything is waited for where one moment
+/// would be too much already.
+pub async fn asked_of(
+    view: &View,
+    asked: &Query,
+    [x_m, y_m]: [Vec<f64>; 2],
+    values_max: usize,
+) -> Result<(Axes, Vec<Moments>), ApiError> {
+    let z_m = query::levels_m(&asked.heights, view)?;
+    let axes = Axes { x_m, y_m, z_m };
+    let places = axes.x_m.len() * axes.y_m.len() * axes.z_m.len();
+    query::check_values(places, 1, asked.quantities.len(), values_max)?;
+    let past = query::past(view, &asked.quantities).await?;
+    let moments = query::moments(&past, asked.times)?;
+    query::check_values(places, moments.len(), asked.quantities.len(), values_max)?;
+    Ok((axes, moments))
 }
 
 /// Longitude of each place on the axis, without a jump at the date line.

@@ -46,14 +46,10 @@ fn settle(density: f32, want: &mut [f32], values: &mut [f32]) {
     }
 }
 
-/// Runs the stage; `want` is scratch, one a column, `levels` one a level.
-pub fn run(parameters: &Parameters, want: &mut [f32], levels: &mut [[f64; 2]], out: &mut [f32]) {
+/// Runs the stage; `want` is scratch, one a column.
+pub fn run(parameters: &Parameters, want: &mut [f32], out: &mut [f32]) {
     let plane = parameters.grid.plane();
-    levels
-        .par_iter_mut()
-        .zip(out.par_chunks(plane))
-        .for_each(|(flag, level)| flag[0] = f64::from(u8::from(any_negative(level))));
-    let Some(lowest) = levels.iter().position(|flag| flag[0] > 0.0) else {
+    let Some(lowest) = out.par_chunks(plane).position_first(any_negative) else {
         return;
     };
     want.fill(0.0);
