@@ -230,8 +230,9 @@ fn budgets_close_with_every_named_source() {
                 world.simulated_s(),
                 expected[0]
             );
-            // Rounding: half a unit in the last place of up to 13 K a cell and substep, at random signs.
-            assert!((change - expected[0]).abs() < 1e-5 * size[0], "heat");
+            // Rounding: 3e-7 K (of values up to 13 K) a cell and substep at random signs. Above the mixed layer the cells of a level are alike and so
+            // are their errors: some 40 levels of 44 kg/m2 in 287 substeps walk to 1.3e-3 K kg/m2, 4e-5 of what the ground gives in an hour.
+            assert!((change - expected[0]).abs() < 1e-4 * size[0], "heat");
         }
     }
     let change = sum(&world, Field::Water) - before[1];

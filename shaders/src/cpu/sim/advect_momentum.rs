@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::advect::{Carried, Carrier, FaceScheme, Scratch, carry_slab};
 use super::parameters::Parameters;
-use super::slab::{SLAB_LEVELS, back, row, slab_len};
+use super::slab::{PIECE, Piece, SLAB_LEVELS, back, row, slab_len};
 
 /// Which velocity is carried.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,11 +28,14 @@ struct VelocityCarrier<'a> {
 /// `out[i] = scale (a[i - 1] + a[i])` with a periodic row.
 #[inline(always)]
 fn mean_with_west(a: &[f32], scale: f32, out: &mut [f32]) {
-    let n = out.len();
-    let a = &a[..n];
-    out[0] = scale * (a[n - 1] + a[0]);
-    for i in 1..n {
-        out[i] = scale * (a[i - 1] + a[i]);
+    let mut piece = Piece::new();
+    for at in (0..a.len()).step_by(PIECE) {
+        let n = PIECE.min(a.len() - at);
+        piece.load(a, at, n);
+        let (west, here, out) = (piece.from(0, n), piece.from(1, n), &mut out[at..at + n]);
+        for i in 0..n {
+            out[i] = scale * (west[i] + here[i]);
+        }
     }
 }
 

@@ -24,7 +24,7 @@
 use rayon::prelude::*;
 
 use super::parameters::{DiffusionScheme, Parameters};
-use super::slab::{SLAB_LEVELS, ahead, back, for_row, row, slab_len};
+use super::slab::{PIECE, Piece, SLAB_LEVELS, ahead, back, row, slab_len};
 
 /// Share of the error that the implicit scheme's sweeps may leave.
 const ERROR_LEFT: f64 = 1e-3;
@@ -107,28 +107,39 @@ fn level(
         lid,
     } = couplings;
     let (z_below, z_above) = (z.saturating_sub(1), (z + 1).min(levels - 1));
+    let (mut piece, mut flux) = (Piece::new(), [0.0; PIECE]);
     for y in 0..ny {
-        let at = |f, y, z| -> &[f32] { &row(grid, f, y, z)[..nx] };
-        let (q, s, n) = (
-            at(state, y, z),
-            at(state, back(y, 1, ny), z),
-            at(state, ahead(y, 1, ny), z),
-        );
-        let (b, a) = (at(state, y, z_below), at(state, y, z_above));
-        let q0 = at(start, y, z);
-        let to = &mut to[y * nx..(y + 1) * nx];
-        let flux_at = |i: usize, west: usize, east: usize| {
-            let sideways = x * ((q[east] - q[i]) + (q[west] - q[i])) + along_y * ((n[i] - q[i]) + (s[i] - q[i]));
-            sideways + above * (lid * a[i] - q[i]) + below * (b[i] - q[i])
-        };
-        match step {
-            Step::Add => for_row!(nx, |i, west, east| {
-                to[i] += flux_at(i, west, east);
-            }),
-            // As a difference, so that what is constant stays so to the bit: rounded weights would let the sum drift.
-            Step::Sweep { weight } => for_row!(nx, |i, west, east| {
-                to[i] = q[i] + weight * ((q0[i] - q[i]) + flux_at(i, west, east));
-            }),
+        for at in (0..nx).step_by(PIECE) {
+            let cells = PIECE.min(nx - at);
+            let end = at + cells;
+            piece.load(row(grid, state, y, z), at, cells);
+            let (west, q, east) = (piece.from(0, cells), piece.from(1, cells), piece.from(2, cells));
+            let s = &row(grid, state, back(y, 1, ny), z)[at..end];
+            let n = &row(grid, state, ahead(y, 1, ny), z)[at..end];
+            let (b, a) = (
+                &row(grid, state, y, z_below)[at..end],
+                &row(grid, state, y, z_above)[at..end],
+            );
+            let flux = &mut flux[..cells];
+            for i in 0..cells {
+                let sideways = x * ((east[i] - q[i]) + (west[i] - q[i])) + along_y * ((n[i] - q[i]) + (s[i] - q[i]));
+                flux[i] = sideways + above * (lid * a[i] - q[i]) + below * (b[i] - q[i]);
+            }
+            let to = &mut to[y * nx + at..y * nx + end];
+            match step {
+                Step::Add => {
+                    for i in 0..cells {
+                        to[i] += flux[i];
+                    }
+                }
+                // As a difference, so that what is constant stays so to the bit: rounded weights would let the sum drift.
+                Step::Sweep { weight } => {
+                    let q0 = &row(grid, start, y, z)[at..end];
+                    for i in 0..cells {
+                        to[i] = q[i] + weight * ((q0[i] - q[i]) + flux[i]);
+                    }
+                }
+            }
         }
     }
 }

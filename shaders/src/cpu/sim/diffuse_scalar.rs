@@ -7,7 +7,7 @@
 use rayon::prelude::*;
 
 use super::parameters::Parameters;
-use super::slab::{SLAB_LEVELS, ahead, back, for_row, row, slab_len};
+use super::slab::{PIECE, Piece, SLAB_LEVELS, ahead, back, row, slab_len};
 
 #[multiversion::multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl+fma",
@@ -25,19 +25,34 @@ fn level(parameters: &Parameters, prandtl: f32, q: &[f32], viscosity: &[f32], z:
     let below = if z > 0 { kz * density[z] } else { 0.0 };
     let above = if z + 1 < levels { kz * density[z + 1] } else { 0.0 };
     let (z_below, z_above) = (z.saturating_sub(1), (z + 1).min(levels - 1));
+    let (mut q_piece, mut k_piece) = (Piece::new(), Piece::new());
     for y in 0..ny {
         let (s, n) = (back(y, 1, ny), ahead(y, 1, ny));
-        let [q0, qs, qn] = [y, s, n].map(|y| &row(grid, q, y, z)[..nx]);
-        let [k0, ks, kn] = [y, s, n].map(|y| &row(grid, viscosity, y, z)[..nx]);
-        let [qb, qa] = [z_below, z_above].map(|z| &row(grid, q, y, z)[..nx]);
-        let [kb, ka] = [z_below, z_above].map(|z| &row(grid, viscosity, y, z)[..nx]);
-        let slow = &mut slow[y * nx..(y + 1) * nx];
-        for_row!(nx, |i, west, east| {
-            let x = (k0[i] + k0[east]) * (q0[east] - q0[i]) - (k0[i] + k0[west]) * (q0[i] - q0[west]);
-            let y = (k0[i] + kn[i]) * (qn[i] - q0[i]) - (k0[i] + ks[i]) * (q0[i] - qs[i]);
-            let z = above * (k0[i] + ka[i]) * (qa[i] - q0[i]) - below * (k0[i] + kb[i]) * (q0[i] - qb[i]);
-            slow[i] += kx * x + ky * y + z;
-        });
+        for at in (0..nx).step_by(PIECE) {
+            let cells = PIECE.min(nx - at);
+            q_piece.load(row(grid, q, y, z), at, cells);
+            k_piece.load(row(grid, viscosity, y, z), at, cells);
+            let (qw, q0, qe) = (q_piece.from(0, cells), q_piece.from(1, cells), q_piece.from(2, cells));
+            let (kw, k0, ke) = (k_piece.from(0, cells), k_piece.from(1, cells), k_piece.from(2, cells));
+            let (qs, qn) = (&row(grid, q, s, z)[at..at + cells], &row(grid, q, n, z)[at..at + cells]);
+            let (ks, kn) = (
+                &row(grid, viscosity, s, z)[at..at + cells],
+                &row(grid, viscosity, n, z)[at..at + cells],
+            );
+            let (qb, qa) = (
+                &row(grid, q, y, z_below)[at..at + cells],
+                &row(grid, q, y, z_above)[at..at + cells],
+            );
+            let kb = &row(grid, viscosity, y, z_below)[at..at + cells];
+            let ka = &row(grid, viscosity, y, z_above)[at..at + cells];
+            let slow = &mut slow[y * nx + at..y * nx + at + cells];
+            for i in 0..cells {
+                let x = (k0[i] + ke[i]) * (qe[i] - q0[i]) - (k0[i] + kw[i]) * (q0[i] - qw[i]);
+                let y = (k0[i] + kn[i]) * (qn[i] - q0[i]) - (k0[i] + ks[i]) * (q0[i] - qs[i]);
+                let z = above * (k0[i] + ka[i]) * (qa[i] - q0[i]) - below * (k0[i] + kb[i]) * (q0[i] - qb[i]);
+                slow[i] += kx * x + ky * y + z;
+            }
+        }
     }
 }
 

@@ -327,7 +327,7 @@ fn relax_half(
             (true, _) => row[0],
             (false, _) => row[2 * m - 1],
         };
-        let [s, n] = beside.map(|b| &b[at + start..][..m]);
+        let (s, n) = (&beside[0][at + start..][..m], &beside[1][at + start..][..m]);
         let f = &source[at + start..][..m];
         let (done, rest) = scratch.split_at_mut(z * m);
         let t = &mut rest[..m];
@@ -386,7 +386,7 @@ fn residual_row(columns: &Columns, own: &[f32], beside: [&[f32]; 2], source: &[f
     for z in 0..columns.levels {
         let at = z * nx;
         let p = &own[at..at + nx];
-        let [s, n] = beside.map(|b| &b[at..at + nx]);
+        let (s, n) = (&beside[0][at..at + nx], &beside[1][at..at + nx]);
         let f = &source[at..at + nx];
         // Beyond ground and lid stands the level itself: no gradient.
         let b = if z > 0 { &own[at - nx..at] } else { p };

@@ -19,7 +19,7 @@ use rayon::prelude::*;
 
 use super::parameters::Parameters;
 use super::pressure_source::{Source, centre_level, level_mean};
-use super::slab::{SLAB_LEVELS, ahead, back, for_row, row, slab_len};
+use super::slab::{PIECE, Piece, SLAB_LEVELS, ahead, back, row, slab_len};
 
 /// Weights of the neighbours west and east, south and north, below, above, and of the source; one set a level.
 pub fn weights(parameters: &Parameters) -> Vec<[f32; 5]> {
@@ -156,15 +156,25 @@ fn sweep_level(
     let [wx, wy, below, above, ws] = weights.map(|w| share * w);
     let keep = 1.0 - share;
     let (z_below, z_above) = (z.saturating_sub(1), (z + 1).min(levels - 1));
+    let mut piece = Piece::new();
     for y in 0..ny {
-        let at = |y, z| -> &[f32] { &row(grid, from, y, z)[..nx] };
-        let (p, s, n) = (at(y, z), at(back(y, 1, ny), z), at(ahead(y, 1, ny), z));
-        let (b, a) = (at(y, z_below), at(y, z_above));
-        let f = &row(grid, source, y, z)[..nx];
-        let out = &mut out[y * nx..(y + 1) * nx];
-        for_row!(nx, |i, west, east| {
-            out[i] =
-                keep * p[i] + wx * (p[west] + p[east]) + wy * (s[i] + n[i]) + (below * b[i] + above * a[i]) - ws * f[i];
-        });
+        for at in (0..nx).step_by(PIECE) {
+            let cells = PIECE.min(nx - at);
+            let end = at + cells;
+            piece.load(row(grid, from, y, z), at, cells);
+            let (west, p, east) = (piece.from(0, cells), piece.from(1, cells), piece.from(2, cells));
+            let s = &row(grid, from, back(y, 1, ny), z)[at..end];
+            let n = &row(grid, from, ahead(y, 1, ny), z)[at..end];
+            let (b, a) = (
+                &row(grid, from, y, z_below)[at..end],
+                &row(grid, from, y, z_above)[at..end],
+            );
+            let f = &row(grid, source, y, z)[at..end];
+            let out = &mut out[y * nx + at..y * nx + end];
+            for i in 0..cells {
+                out[i] = keep * p[i] + wx * (west[i] + east[i]) + wy * (s[i] + n[i]) + (below * b[i] + above * a[i])
+                    - ws * f[i];
+            }
+        }
     }
 }

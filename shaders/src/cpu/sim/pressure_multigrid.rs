@@ -324,7 +324,8 @@ fn correct_row(
 ) {
     let [wa, wb] = weights;
     for (z, out) in row.chunks_exact_mut(nx).enumerate() {
-        let [a, b] = coarse.map(|c| &c[z * coarse_nx..(z + 1) * coarse_nx]);
+        let (from, to) = (z * coarse_nx, (z + 1) * coarse_nx);
+        let (a, b) = (&coarse[0][from..to], &coarse[1][from..to]);
         // A coarse row lies in the order of `Planes`, too.
         let at = |j: usize| {
             let m = coarse_nx / 2;

@@ -113,10 +113,7 @@ impl Solver {
             .enumerate()
             .for_each(|(z, (plane, scratch))| {
                 for y in 0..ny {
-                    mass_divergence_row(parameters, velocity, scale, y, z, &mut scratch.single);
-                    for (row, single) in scratch.row.iter_mut().zip(&scratch.single) {
-                        *row = f64::from(*single);
-                    }
+                    source_row(parameters, velocity, scale, y, z, &mut scratch.single, &mut scratch.row);
                     // The only error is a wrong length, and the lengths are the plan's own.
                     let _ = self.real_to_complex.process_with_scratch(
                         &mut scratch.row,
@@ -255,6 +252,27 @@ pub(super) fn mass_divergence_row(
     out[n - 1] = to_x * (u[0] - u[n - 1]);
     for i in 0..n {
         out[i] += to_y * (v_north[i] - v_south[i]) + (above * w_above[i] - below * w_below[i]);
+    }
+}
+
+/// A row's source in f64; `single` is scratch of a row.
+#[multiversion::multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl+fma",
+    "x86_64+avx2+fma",
+    "aarch64+neon"
+))]
+fn source_row(
+    parameters: &Parameters,
+    velocity: [&[f32]; 3],
+    scale: f32,
+    y: usize,
+    z: usize,
+    single: &mut [f32],
+    out: &mut [f64],
+) {
+    mass_divergence_row(parameters, velocity, scale, y, z, single);
+    for (out, single) in out.iter_mut().zip(single) {
+        *out = f64::from(*single);
     }
 }
 

@@ -5,7 +5,7 @@
 use rayon::prelude::*;
 
 use super::parameters::Parameters;
-use super::slab::{ahead, for_row, row};
+use super::slab::{PIECE, Piece, ahead, row};
 use crate::device::Reductions;
 
 /// The larger of a maximum so far and a value that is not negative, both as bits: their order is that of the numbers, NaN and infinity
@@ -25,7 +25,9 @@ fn level(parameters: &Parameters, velocity: [&[f32]; 3], viscosity: &[f32], z: u
     let grid = &parameters.grid;
     let plane = grid.plane();
     let [dx, dy, dz] = grid.cell_size_m.map(|d| 1.0 / d);
-    let [u, v, w] = velocity.map(|f| &f[z * plane..(z + 1) * plane]);
+    let [u, v, w] = velocity;
+    let (from, to) = (z * plane, (z + 1) * plane);
+    let (u, v, w) = (&u[from..to], &v[from..to], &w[from..to]);
     let (mut rate, mut wind, mut up, mut thick) = (0, 0, 0, 0);
     for i in 0..plane {
         let (a, b) = (u[i].abs(), v[i].abs());
@@ -83,17 +85,26 @@ pub(super) fn divergence(parameters: &Parameters, velocity: [&[f32]; 3], z: usiz
         0.0
     };
     let z_above = (z + 1).min(levels - 1);
-    let mut worst = 0;
+    let (mut worst, mut u_piece) = (0, Piece::new());
     for y in 0..ny {
-        let (u, w) = (&row(grid, velocity[0], y, z)[..nx], &row(grid, velocity[2], y, z)[..nx]);
         let v = &row(grid, velocity[1], y, z)[..nx];
         let v_north = &row(grid, velocity[1], ahead(y, 1, ny), z)[..nx];
-        let w_above = &row(grid, velocity[2], y, z_above)[..nx];
-        for_row!(nx, |i, _west, east| {
-            let vertical = above_density * w_above[i] - below_density * w[i];
-            let d = (u[east] - u[i]) * dx + (v_north[i] - v[i]) * dy + vertical * dz * per_density;
-            worst = larger(worst, d.abs());
-        });
+        let (w, w_above) = (
+            &row(grid, velocity[2], y, z)[..nx],
+            &row(grid, velocity[2], y, z_above)[..nx],
+        );
+        for at in (0..nx).step_by(PIECE) {
+            let cells = PIECE.min(nx - at);
+            let end = at + cells;
+            u_piece.load(row(grid, velocity[0], y, z), at, cells);
+            let (u, u_east) = (u_piece.from(1, cells), u_piece.from(2, cells));
+            let (v, v_north, w, w_above) = (&v[at..end], &v_north[at..end], &w[at..end], &w_above[at..end]);
+            for i in 0..cells {
+                let vertical = above_density * w_above[i] - below_density * w[i];
+                let d = (u_east[i] - u[i]) * dx + (v_north[i] - v[i]) * dy + vertical * dz * per_density;
+                worst = larger(worst, d.abs());
+            }
+        }
     }
     worst
 }

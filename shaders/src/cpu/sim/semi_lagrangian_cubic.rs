@@ -76,7 +76,7 @@ fn slab(parameters: &Parameters, carried: &Carried, first: usize, out: &mut [f32
                 let n = CHUNK.min(nx - begin);
                 let out = &mut out[begin..][..n];
                 displacements(grid, carried.place, carried.departure, [y, z], begin, n, &mut departure);
-                let [dx, dy, dz] = [0, 1, 2].map(|c| &departure[c][..n]);
+                let (dx, dy, dz) = (&departure[0][..n], &departure[1][..n], &departure[2][..n]);
                 for i in 0..n {
                     let (below, t) = split(dx[i]);
                     stencil.column[i] = index_of(wrapped((begin as i32 + i as i32) as f32 + below - 1.0, nx_f));

@@ -35,25 +35,36 @@ pub fn ahead(y: usize, by: usize, n: usize) -> usize {
     (y + by) % n
 }
 
-/// Runs a body for each cell `i` of a row with its periodic neighbours `west` and `east`: `for_row!(nx, |i, west, east| { .. })`.
+/// Cells of a row that a kernel with neighbours in x takes at a time: whole vectors of any width, and little enough for the stack.
+pub const PIECE: usize = 64;
+
+/// A piece of a row with the cell before it and the one behind it, periodic.
 ///
-/// A macro and not a function with a closure: the body is written out at the row's two ends and in the plain inner loop, which
-/// vectorises; a closure of that size is called once a cell instead (measured: three times slower).
-macro_rules! for_row {
-    ($nx:expr, |$i:ident, $west:ident, $east:ident| $body:block) => {{
-        let nx: usize = $nx;
-        {
-            let ($i, $west, $east) = (0, nx - 1, 1 % nx);
-            $body
-        }
-        for $i in 1..nx.max(1) - 1 {
-            let ($west, $east) = ($i - 1, $i + 1);
-            $body
-        }
-        if nx > 1 {
-            let ($i, $west, $east) = (nx - 1, nx - 2, 0);
-            $body
-        }
-    }};
+/// Loops over the three slices of a piece have no ends to treat apart and no remainder; reading the neighbours from the row itself
+/// leaves a vector's width of cells to scalar code at each end.
+/// For the same reason kernels take rows apart without closures (`map` over an array of slices is a call that hides their lengths, and
+/// with it goes the last vector of each row: measured, ten times slower).
+pub struct Piece([f32; PIECE + 2]);
+
+impl Piece {
+    /// Of zeros.
+    #[inline(always)]
+    pub fn new() -> Self {
+        Self([0.0; PIECE + 2])
+    }
+
+    /// Takes the `n` cells from `at` on, at most [`PIECE`].
+    #[inline(always)]
+    pub fn load(&mut self, row: &[f32], at: usize, n: usize) {
+        let nx = row.len();
+        self.0[0] = row[if at > 0 { at - 1 } else { nx - 1 }];
+        self.0[1..n + 1].copy_from_slice(&row[at..at + n]);
+        self.0[n + 1] = row[if at + n < nx { at + n } else { 0 }];
+    }
+
+    /// The `n` cells from `shift - 1` cells east of the piece's first on.
+    #[inline(always)]
+    pub fn from(&self, shift: usize, n: usize) -> &[f32] {
+        &self.0[shift..shift + n]
+    }
 }
-pub(crate) use for_row;
