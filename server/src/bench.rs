@@ -397,6 +397,7 @@ fn frames(
             format: FrameFormat::Jpeg,
             camera,
             still: false,
+            past: None,
         };
         let ticket = renderer.request(Viewer::SNAPSHOTS, view, request, 1)?;
         let frame = ticket

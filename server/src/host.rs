@@ -20,6 +20,7 @@ use welkin_proto::{ApiError, Scene, validate};
 
 use crate::change::Change;
 use crate::machine::Machine;
+use crate::past_sky::PastSky;
 use crate::picture::{self, StageTime};
 use crate::watchdog::Fault;
 use crate::weather::{self, Desk, FieldSet, Past, Weather, WeatherInterest};
@@ -68,6 +69,7 @@ pub struct View {
     device: Arc<str>,
     attention: Arc<Mutex<Attention>>,
     desk: Arc<Desk>,
+    past_sky: Arc<PastSky>,
 }
 
 /// Who looks at a world.
@@ -141,6 +143,11 @@ impl View {
             Some(weather) if weather.held().covers(fields) => Ok(found),
             _ => Err(unavailable("the device that the world ran on is lost")),
         }
+    }
+
+    /// The sky of its last minutes.
+    pub fn past_sky(&self) -> &PastSky {
+        &self.past_sky
     }
 
     /// How long nobody has looked.
@@ -283,6 +290,7 @@ impl Host {
                 last: Instant::now(),
             })),
             desk,
+            past_sky: Arc::default(),
         };
         Ok(Host {
             view,

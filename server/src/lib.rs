@@ -14,6 +14,7 @@ pub mod live_sky;
 pub mod machine;
 pub mod methods;
 pub mod parameters;
+pub mod past_sky;
 pub mod picture;
 pub mod plan;
 pub mod plot;

@@ -53,6 +53,21 @@ pub struct Limits {
     /// Bytes of past weather that a world keeps while somebody asks for samples; the newest is always there.
     #[arg(long = "max-past-weather", value_name = "BYTES", default_value_t = weather::PAST_BYTES_MAX)]
     pub past_weather_bytes_max: usize,
+    /// Wall seconds of past sky that a world keeps for those who look back; 0 keeps none.
+    #[arg(long = "past-sky", value_name = "SECONDS", default_value_t = 180.0, value_parser = seconds)]
+    pub past_sky_s: f64,
+    /// Wall seconds from one kept moment of it to the next, at least.
+    #[arg(long = "past-sky-every", value_name = "SECONDS", default_value_t = 1.0, value_parser = seconds)]
+    pub past_sky_every_s: f64,
+    /// Most bytes of past sky that one world keeps; the newest moment is always there.
+    #[arg(long = "max-past-sky", value_name = "BYTES", default_value_t = 32 << 20)]
+    pub past_sky_bytes_max: usize,
+    /// Most values in a kept moment: larger worlds are kept at half, a quarter, ... of their resolution.
+    #[arg(long = "max-past-sky-values", value_name = "N", default_value_t = 1 << 19)]
+    pub past_sky_values_max: u64,
+    /// Keeps the past of a world that nobody has looked at for as long as is kept, too.
+    #[arg(long = "past-sky-unwatched")]
+    pub past_sky_unwatched: bool,
     /// Largest request body, bytes; also the largest message to a stream of samples, which carries everybody's position.
     #[arg(long = "max-body", value_name = "BYTES", default_value_t = 1 << 20)]
     pub body_bytes_max: usize,
@@ -90,6 +105,15 @@ fn share(text: &str) -> Result<f64, String> {
         return Ok(share);
     }
     Err("a share is 0.01 to 1".to_owned())
+}
+
+/// Reads a time. Errors: in words.
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds: f64 = text.parse().map_err(|e| format!("{e}"))?;
+    if seconds.is_finite() && seconds >= 0.0 {
+        return Ok(seconds);
+    }
+    Err("a time is a number of seconds, 0 or more".to_owned())
 }
 
 impl Limits {

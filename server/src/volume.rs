@@ -296,6 +296,13 @@ impl VolumeService {
             Some(_) => world.weather(FieldSet::of(&wanted.channels)).await?,
             None => world.newest(),
         };
+        self.coded(published, wanted).await
+    }
+
+    /// One keyframe of a publication.
+    ///
+    /// Errors: `channel_unavailable`, `weather_unavailable` where it does not carry the weather that is needed, `internal`.
+    pub async fn coded(&self, published: Arc<Published>, wanted: &Wanted) -> Result<Bytes, ApiError> {
         let (permit, encoder) = (self.permit().await?, wanted.encoder(0)?);
         let (_, made) = self.encode(permit, published, &wanted.channels, encoder).await?;
         let missing = || ApiError::new("weather_unavailable", "the world does not give its weather now");

@@ -6,7 +6,7 @@
 //! - [`Layout`]: which cells of a world a message holds, how coarse, in which bricks.
 //! - [`Quantiser`]: numbers to codes of 8 or 16 bits and back, with the largest error.
 //! - [`Encoder`]: fields to messages. [`Receiver`]: messages to a [`VolumeField`], trusting nothing.
-//! - [`subscribe`]: what is said as text on the same connection.
+//! - [`subscribe`]: what is said as text on the same connection. [`past`]: what is told of moments that are over.
 
 mod bricks;
 mod compression;
@@ -14,6 +14,7 @@ mod encode;
 mod error;
 mod header;
 mod layout;
+pub mod past;
 mod quantise;
 mod receive;
 pub mod subscribe;

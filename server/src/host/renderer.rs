@@ -20,6 +20,7 @@ use welkin_proto::{ApiError, Camera};
 
 use super::View;
 use crate::machine::Compute;
+use crate::past_sky::KeptSky;
 use crate::picture::{self, Picture, Renderer};
 
 /// Pictures kept for viewers who ask for the one just made, in another coding or at the same tick.
@@ -40,6 +41,8 @@ pub struct FrameRequest {
     pub camera: Camera,
     /// Four rays a pixel and finer coding.
     pub still: bool,
+    /// A kept moment to be drawn instead of the newest.
+    pub past: Option<Arc<KeptSky>>,
 }
 
 /// Who asks: tells viewers apart, so that the renderer's time can be shared among them.
@@ -233,6 +236,7 @@ struct PictureKey {
     camera: Camera,
     size: [u32; 2],
     still: bool,
+    past: bool,
 }
 
 impl PictureKey {
@@ -242,13 +246,15 @@ impl PictureKey {
             && self.size == [request.width, request.height]
             && self.camera == request.camera
             && self.still == request.still
+            && self.past == request.past.is_some()
     }
 }
 
 /// What the render thread keeps between frames.
 struct Kept {
     compute: Compute,
-    renderers: HashMap<Arc<str>, Renderer>,
+    /// A world's, and another for its past, so that whoever looks back does not undo what is made ready for the others.
+    renderers: HashMap<(Arc<str>, bool), Renderer>,
     pictures: VecDeque<(PictureKey, Arc<Picture>)>,
     frames: VecDeque<(PictureKey, FrameFormat, Arc<Frame>)>,
 }
@@ -301,20 +307,23 @@ fn render_loop(shared: &Shared, compute: Compute) {
 
 impl Kept {
     fn forget(&mut self, world: &Arc<str>) {
-        self.renderers.remove(world);
+        self.renderers.retain(|(id, _), _| id != world);
         self.pictures.retain(|(key, _)| key.world != *world);
         self.frames.retain(|(key, _, _)| key.world != *world);
     }
 
     fn frame(&mut self, world: &View, request: &FrameRequest) -> Result<Arc<Frame>, ApiError> {
         let published = world.newest();
-        let revision = published.revision;
+        let past = request.past.as_ref();
+        let (revision, published_at) =
+            past.map_or((published.revision, published.at), |p| (p.revision, p.published_at));
         let key = || PictureKey {
             world: world.id.clone(),
             revision,
             camera: request.camera.clone(),
             size: [request.width, request.height],
             still: request.still,
+            past: past.is_some(),
         };
         let same = |(k, format, _): &&(PictureKey, FrameFormat, Arc<Frame>)| {
             *format == request.format && k.is(world, revision, request)
@@ -327,17 +336,21 @@ impl Kept {
             None => {
                 let renderer = self
                     .renderers
-                    .entry(world.id.clone())
+                    .entry((world.id.clone(), past.is_some()))
                     .or_insert_with(|| Renderer::new(&self.compute));
+                let kept = past.map(|p| p.snapshot()).transpose()?;
+                let snapshot = kept.as_ref().unwrap_or(&published.snapshot);
                 let picture = Arc::new(renderer.render(
-                    &published.snapshot,
-                    &published.snapshot.scene,
+                    snapshot,
+                    &snapshot.scene,
                     &request.camera,
                     [request.width, request.height],
                     request.still,
                 )?);
                 world.set_frame_ms(picture.render_ms);
-                world.set_view_times(renderer.times());
+                if past.is_none() {
+                    world.set_view_times(renderer.times());
+                }
                 keep(&mut self.pictures, (key(), picture.clone()), PICTURES_KEPT);
                 picture
             }
@@ -345,12 +358,13 @@ impl Kept {
         let began = Instant::now();
         let bytes = picture::encode(&picture, request.format, request.still)?;
         let numbers = &published.snapshot.numbers;
+        let (tick, simulated_s) = past.map_or((numbers.tick, numbers.simulated_s), |p| (p.tick, p.simulated_s));
         let frame = Arc::new(Frame {
             request: request.clone(),
             revision,
-            published_at: published.at,
-            tick: numbers.tick,
-            simulated_s: numbers.simulated_s,
+            published_at,
+            tick,
+            simulated_s,
             render_ms: picture.render_ms,
             encode_ms: began.elapsed().as_secs_f64() * 1e3,
             bytes,

@@ -28,7 +28,7 @@ pub fn status_of(code: &str) -> StatusCode {
         "unsupported_media_type" => StatusCode::UNSUPPORTED_MEDIA_TYPE,
         "upgrade_required" => StatusCode::UPGRADE_REQUIRED,
         "too_many_worlds" | "too_many_streams" | "too_many_views" | "busy" => StatusCode::TOO_MANY_REQUESTS,
-        "render_too_long" | "weather_unavailable" => StatusCode::SERVICE_UNAVAILABLE,
+        "render_too_long" | "weather_unavailable" | "past_unavailable" => StatusCode::SERVICE_UNAVAILABLE,
         "unstable" => StatusCode::UNPROCESSABLE_ENTITY,
         "internal" => StatusCode::INTERNAL_SERVER_ERROR,
         _ => StatusCode::BAD_REQUEST,

@@ -28,6 +28,8 @@ mod world_create;
 mod world_delete;
 mod world_frame;
 mod world_frame_mjpeg;
+mod world_past;
+mod world_past_bin;
 mod world_plan;
 mod world_scenery;
 mod world_state;
@@ -90,6 +92,8 @@ pub fn routes() -> Vec<Route> {
         sample_stream::route(),
         world_volume::route(),
         world_volume_bin::route(),
+        world_past::route(),
+        world_past_bin::route(),
         render::route(),
     ];
     routes.extend(edr::routes());

@@ -104,6 +104,7 @@ fn run(
         format: wish.format,
         camera: wish.camera.clone().unwrap_or_else(|| scene.camera.clone()),
         still: wish.still,
+        past: None,
     };
     let mut renderer = Renderer::new(&machine.compute);
     let mut world = World::new(scene, machine)?;

@@ -6,8 +6,8 @@ use welkin_proto::sample::{SampleAnswer, SampleRequest};
 
 use super::error::Refusal;
 use super::extract::{JsonText, WorldOf, parse_json, read};
+use super::query::when;
 use super::route::Route;
-use super::sample_point::when;
 use super::sampling::{self, Chosen};
 use super::state::AppState;
 use crate::sample;

@@ -1,7 +1,5 @@
 //! `GET /v1/worlds/{id}/sample`: the air at one place.
 
-use std::str::FromStr;
-
 use axum::Json;
 use axum::extract::State;
 use welkin_proto::ApiError;
@@ -10,7 +8,7 @@ use welkin_proto::sample::{PointSample, Quantity};
 
 use super::error::Refusal;
 use super::extract::{Pairs, WorldOf};
-use super::query::{invalid, number, unknown};
+use super::query::{moment, number, unknown};
 use super::route::{Place, Route};
 use super::sampling::{self, Chosen};
 use super::state::AppState;
@@ -92,11 +90,12 @@ struct Asked {
     when: When,
 }
 
-fn parse(pairs: &[(String, String)], geography: &Geography) -> Result<Asked, ApiError> {
+fn parse(pairs: Vec<(String, String)>, geography: &Geography) -> Result<Asked, ApiError> {
     const NAMES: [[&str; 3]; 2] = [["lat", "lon", "alt"], ["x_m", "y_m", "z_m"]];
     let mut given = [[None; 3]; 2];
-    let (mut quantities, mut tick, mut simulated_s) = (None, None, None);
-    for (name, value) in pairs {
+    let mut quantities = None;
+    let (when, pairs) = moment(pairs)?;
+    for (name, value) in &pairs {
         let coordinate = (0..2).flat_map(|s| (0..3).map(move |a| (s, a)));
         if let Some((system, axis)) = coordinate.into_iter().find(|&(s, a)| NAMES[s][a] == name) {
             given[system][axis] = Some(number(name, value)?);
@@ -104,11 +103,6 @@ fn parse(pairs: &[(String, String)], geography: &Geography) -> Result<Asked, Api
         }
         match name.as_str() {
             "channels" => quantities = Some(sampling::quantities(value.split(','))?),
-            "tick" => {
-                let whole = u64::from_str(value).map_err(|_| invalid(name, value, "a whole number"))?;
-                tick = Some(whole);
-            }
-            "simulated_s" => simulated_s = Some(number(name, value)?),
             _ => return Err(unknown(name)),
         }
     }
@@ -145,22 +139,8 @@ fn parse(pairs: &[(String, String)], geography: &Geography) -> Result<Asked, Api
     Ok(Asked {
         place,
         quantities,
-        when: when(tick, simulated_s)?,
+        when,
     })
-}
-
-/// The wanted moment. Errors: `bad_parameter` with both, `out_of_range` for a second that is not finite.
-pub fn when(tick: Option<u64>, simulated_s: Option<f64>) -> Result<When, ApiError> {
-    match (tick, simulated_s) {
-        (None, None) => Ok(When::Now),
-        (Some(tick), None) => Ok(When::Tick(tick)),
-        (None, Some(second)) if second.is_finite() => Ok(When::Simulated(second)),
-        (None, Some(second)) => Err(ApiError::new("out_of_range", format!("{second} is no time")).at("/simulated_s")),
-        (Some(_), Some(_)) => {
-            let message = "give `tick` or `simulated_s`, not both";
-            Err(ApiError::new("bad_parameter", message).at("/simulated_s"))
-        }
-    }
 }
 
 async fn point(
@@ -174,7 +154,7 @@ async fn point(
         place,
         quantities,
         when,
-    } = parse(&pairs, &view.geography)?;
+    } = parse(pairs, &view.geography)?;
     let chosen = Chosen::new(quantities, &view)?;
     let moments = sampling::moments(&view, sample::fields_of(&chosen.quantities), when).await?;
     if !sample::is_inside(moments.weather().grid(), place) {

@@ -13,6 +13,7 @@ use crate::host::Host;
 use crate::host::renderer::RenderService;
 use crate::limits::Limits;
 use crate::machine::Machine;
+use crate::past_sky;
 use crate::volume::VolumeService;
 
 /// Idle worlds are looked for ten times in the time that they have, but no more and no less often than this.
@@ -177,6 +178,8 @@ impl AppState {
             if let Ok(host) = &host {
                 let most = state.shared.limits.past_weather_bytes_max;
                 host.view().set_past_bytes_max(most);
+                let (volumes, limits) = (state.shared.volumes.clone(), state.shared.limits.clone());
+                tokio::spawn(past_sky::keep(volumes, host.view().clone(), limits));
                 worlds.running.insert(number, host.clone());
                 if !stays {
                     worlds.passing.insert(number);

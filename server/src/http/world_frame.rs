@@ -12,12 +12,13 @@ use welkin_proto::{ApiError, Camera, validate};
 use super::checks;
 use super::error::{Refusal, internal};
 use super::extract::{Pairs, WorldOf};
-use super::query::{invalid, number, unknown};
+use super::query::{invalid, moment, number, unknown};
 use super::route::{Place, Route};
 use super::state::AppState;
 use super::viewing::still_fits;
 use crate::host::renderer::{Frame, FrameRequest, Viewer};
 use crate::limits::Limits;
+use crate::sample::When;
 
 /// The size of a frame whose size nobody gave, pixels.
 const DEFAULT_SIZE: [u32; 2] = [640, 360];
@@ -37,6 +38,16 @@ pub fn route() -> Route {
     view_parameters(route)
         .parameter::<FrameFormat>(Query, "format", "Coding of the picture; jpeg.")
         .parameter::<FrameQuality>(Query, "quality", "How much the picture may cost, live or still; live.")
+        .parameter::<u64>(
+            Query,
+            "tick",
+            "The sky of this tick, if the past has kept it; the newest.",
+        )
+        .parameter::<f64>(
+            Query,
+            "simulated_s",
+            "The sky of this simulated second: the last that the past has kept at or before it.",
+        )
         .parameter::<String>(
             Place::Header,
             "If-None-Match",
@@ -48,6 +59,7 @@ pub fn route() -> Route {
             &MEDIA_TYPES,
         )
         .bytes(304, "The client has the newest one.", &[])
+        .past_errors()
         .error("out_of_range")
         .error("bad_parameter")
         .error("unknown_parameter")
@@ -99,9 +111,18 @@ async fn frame(
 ) -> Result<Response, Refusal> {
     let view = host.view().clone();
     drop(host); // the world may be stopped while the frame is rendered
-    let request = parse(&pairs, &view.scene.camera, state.limits())?;
+    let (when, pairs) = moment(pairs)?;
+    let mut request = parse(&pairs, &view.scene.camera, state.limits())?;
+    if when != When::Now {
+        let now_s = view.newest().snapshot.numbers.simulated_s;
+        request.past = Some(view.past_sky().find(when, now_s)?);
+    }
     let query = fingerprint(&request);
-    let newest = etag(&view.id, view.newest().revision, query);
+    let revision = request
+        .past
+        .as_ref()
+        .map_or_else(|| view.newest().revision, |p| p.revision);
+    let newest = etag(&view.id, revision, query);
     if headers.get_all(header::IF_NONE_MATCH).iter().any(|v| names(v, &newest)) {
         return Ok((
             StatusCode::NOT_MODIFIED,
@@ -160,9 +181,11 @@ fn fingerprint(request: &FrameRequest) -> u64 {
         format,
         camera,
         still,
+        past,
     } = request;
     let mut hasher = DefaultHasher::new();
-    (width, height, format, still).hash(&mut hasher);
+    // A kept sky is coded more coarsely than the newest one, so that the same publication gives another picture.
+    (width, height, format, still, past.is_some()).hash(&mut hasher);
     let angles = [
         camera.azimuth_deg,
         camera.elevation_deg,
@@ -184,6 +207,7 @@ pub fn parse(pairs: &[(String, String)], scene_camera: &Camera, limits: &Limits)
         format: FrameFormat::default(),
         camera: scene_camera.clone(),
         still: false,
+        past: None,
     };
     let camera = &mut request.camera;
     for (name, value) in pairs {

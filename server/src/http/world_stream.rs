@@ -152,6 +152,7 @@ impl Stream {
                     format,
                     camera,
                     still: false,
+                    past: None,
                 };
                 let wish = Wish::new(request, quality, max_fps, self.state.limits())?;
                 self.viewing.wish(wish, &self.state);
