@@ -11,6 +11,10 @@ const REMEMBERED: usize = 16;
 const SPACINGS: usize = 32;
 /// The delay changes by at most this share of the time that goes by, so that the sky neither jumps nor stands.
 const SLEW: f64 = 0.1;
+/// A delay that is further off, s, is taken at once: after a world has stood.
+const JUMP_S: f64 = 2.0;
+/// A time between publications that is so many times the median is one in which the world stood, and does not count.
+const STOOD: f64 = 4.0;
 /// Fields that are kept to be played.
 const FIELDS_MAX: usize = 64;
 
@@ -155,11 +159,15 @@ impl Playout {
     }
 
     fn adapt(&mut self, now_s: f64) {
-        let largest = |of: fn(&(f64, f64)) -> f64| self.spacings.iter().map(of).fold(0.0, f64::max);
-        let target_s = largest(|s| s.0) + largest(|s| s.1);
+        let mut between: Vec<f64> = self.spacings.iter().map(|s| s.0).collect();
+        between.sort_by(f64::total_cmp);
+        let median = between.get(between.len().saturating_sub(1) / 2).copied();
+        let counts = |s: &&f64| median.is_some_and(|median| **s <= STOOD * median);
+        let longest_s = between.iter().rfind(counts).copied().unwrap_or(0.0);
+        let target_s = longest_s + self.spacings.iter().map(|s| s.1).fold(0.0, f64::max);
         self.adapted_s = match self.last_shown_s {
             // Until there are two fields nothing moves yet, and any delay may be taken at once.
-            Some(last_s) if self.adapted_s > 0.0 => {
+            Some(last_s) if self.adapted_s > 0.0 && (target_s - self.adapted_s).abs() <= JUMP_S => {
                 let most_s = SLEW * (now_s - last_s).max(0.0);
                 self.adapted_s + (target_s - self.adapted_s).clamp(-most_s, most_s)
             }
@@ -274,6 +282,22 @@ mod tests {
         assert_eq!(at(&mut playout, 101.5), (1.0, 804.0));
         assert_eq!(at(&mut playout, 102.25), (1.75, 810.0));
         assert_eq!(at(&mut playout, 109.0), (2.0, 812.0), "after the last, the last");
+    }
+
+    #[test]
+    fn a_world_that_stood_does_not_hold_the_sky_back() {
+        // Somebody comes while the world stands; after twenty seconds it goes on twice a second, and later stands again.
+        let mut times = vec![100.0];
+        times.extend((0..10).map(|n| 120.0 + 0.5 * f64::from(n)));
+        times.extend((0..10).map(|n| 150.0 + 0.5 * f64::from(n)));
+        let mut playout = Playout::new(Delay::Adaptive);
+        for (n, field) in fields(&times).into_iter().enumerate() {
+            playout.push(field, times[n] + 0.1);
+            playout.at(times[n] + 0.1);
+            let most_s = if n < 2 { 20.2 } else { 0.7 };
+            assert!(playout.delay_s() <= most_s, "{} s at message {n}", playout.delay_s());
+        }
+        assert!((playout.delay_s() - 0.6).abs() < 0.05, "{}", playout.delay_s());
     }
 
     #[test]

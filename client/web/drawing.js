@@ -1,7 +1,7 @@
 // @ts-check
 // Who draws the sky: this computer, where WebGPU finds a GPU, or the server. The page says which, and why.
 
-/** @import { Camera, Numbers } from "./types.js" */
+/** @import { Camera, Numbers, VolumeField } from "./types.js" */
 /** @import { Drawn } from "./local.js" */
 
 import { LocalSky, openDevice } from "./local.js";
@@ -17,7 +17,7 @@ export class Drawing {
    * @param {HTMLCanvasElement} canvas the one that is drawn into here
    * @param {HTMLSelectElement} select
    * @param {HTMLElement} note
-   * @param {{changed: (here: boolean) => void, drawn: (drawn: Drawn) => void, notice: (message: string) => void}} handlers `changed` when the other one draws from now on
+   * @param {{changed: (here: boolean) => void, drawn: (drawn: Drawn) => void, field: (field: VolumeField) => void, notice: (message: string) => void}} handlers `changed` when the other one draws from now on, `field` of each volume that comes
    */
   constructor(canvas, select, note, handlers) {
     this.canvas = canvas;
@@ -130,6 +130,7 @@ export class Drawing {
     try {
       return await LocalSky.make(this.canvas, gpu, {
         drawn: (drawn) => this.drawn(drawn),
+        field: (field) => this.handlers.field(field),
         trouble: (why) => this.trouble(why),
       });
     } catch (error) {

@@ -41,7 +41,7 @@ export class ServerClock {
   }
 }
 
-/** @typedef {"tick" | "wait" | "render" | "encode" | "send" | "decode" | "whole"} Part */
+/** @typedef {"tick" | "wait" | "render" | "encode" | "send" | "decode" | "held" | "whole"} Part */
 
 /** @type {[Part, string, string][]} */
 const PARTS = [
@@ -51,6 +51,7 @@ const PARTS = [
   ["encode", "Encode", "Time to code the server’s picture as JPEG"],
   ["send", "Send", "On the way, by both clocks; their difference is measured with a few requests"],
   ["decode", "Decode", "Time to decode and draw it here"],
+  ["held", "Held back", "A volume waits until the next one is there too, so that the sky moves smoothly between the two"],
   ["whole", "In all", "From the tick's beginning to the eye"],
 ];
 
@@ -89,6 +90,7 @@ export class LatencyBoard {
       tick: numbers?.tick_ms,
       wait: Math.max(0, 1000 * (volume.encoded_unix_s - volume.published_unix_s)),
       decode: volume.decode_ms,
+      held: volume.held_ms,
       render: ms,
     };
     if (this.clock.offset_ms !== null) {

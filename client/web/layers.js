@@ -1,20 +1,18 @@
 // @ts-check
 // Layers of information beside the sky: a cut through any channel with wind arrows, and the sounding of the column under the cursor.
 
-/** @import { Hello, VolumeField } from "./types.js" */
+/** @import { Hello } from "./types.js" */
 
 import { element, readable } from "./panel.js";
 import { drawSounding } from "./sounding.js";
-import { ServerError } from "./stream.js";
-import { VolumeReceiver, channelValues } from "./volume.js";
+import { channelValues, fetchField } from "./volume.js";
 
 const REFRESH_MS = 1_000;
-const LIMIT_MS = 10_000;
 /** Arrows across a cut, at most. */
 const ARROWS = 20;
 
 /** Channels on offer: name on the wire, name, factor and unit to show. @type {[string, string, number, string][]} */
-const CHANNELS = [
+export const CHANNELS = [
   ["extinction_per_m", "Extinction", 1000, "1/km"],
   ["liquid_water_kg_kg", "Cloud water", 1000, "g/kg"],
   ["wind_z_m_s", "Wind, up", 1, "m/s"],
@@ -30,25 +28,15 @@ const CHANNELS = [
 const SOUNDING = ["pressure_pa", "temperature_k", "relative_humidity", "wind_x_m_s", "wind_y_m_s"];
 
 /**
- * One volume over plain HTTP; 16 bits, for numbers that are read off.
+ * Cells of the world that is shown; 16 bits, for numbers that are read off.
  * @param {string} world
  * @param {string[]} channels
  * @param {number[]} from
  * @param {number[]} cells
- * @returns {Promise<VolumeField>}
  */
-async function fetchVolume(world, channels, from, cells) {
+export function fetchCells(world, channels, from, cells) {
   const query = new URLSearchParams({ channels: channels.join(), bits: "16", from: from.join(), cells: cells.join() });
-  const path = `/v1/worlds/${encodeURIComponent(world)}/volume.bin?${query}`;
-  const answer = await fetch(path, { signal: AbortSignal.timeout(LIMIT_MS), cache: "no-store" });
-  if (!answer.ok) {
-    throw new ServerError(answer.status, await answer.json());
-  }
-  const field = await new VolumeReceiver().take(await answer.arrayBuffer());
-  if (typeof field === "string") {
-    throw new Error("the server sent no keyframe");
-  }
-  return field;
+  return fetchField(`/v1/worlds/${encodeURIComponent(world)}/volume.bin?${query}`);
 }
 
 /** Dark blue over white to red where values have both signs, black over blue to white else. @param {number} share @param {boolean} signed */
@@ -196,7 +184,7 @@ export class Layers {
     const upright = across === 2 ? 1 : 2;
     const winds = ["wind_x_m_s", "wind_y_m_s", "wind_z_m_s"];
     const wanted = this.arrows.checked ? [...new Set([name, winds[along], winds[upright]])] : [name];
-    const field = await fetchVolume(hello.world, wanted, from, cells);
+    const field = await fetchCells(hello.world, wanted, from, cells);
     const values = channelValues(field, name);
     if (values === null) {
       throw new Error(`the server sent no ${name}`);
@@ -294,7 +282,7 @@ export class Layers {
   /** @param {Hello} hello */
   async drawColumn(hello) {
     const [x, y] = this.column;
-    const field = await fetchVolume(hello.world, SOUNDING, [x, y, 0], [1, 1, hello.cells[2]]);
+    const field = await fetchCells(hello.world, SOUNDING, [x, y, 0], [1, 1, hello.cells[2]]);
     const [pressure_pa, temperature_k, humidity, wind_x_m_s, wind_y_m_s] = SOUNDING.map(
       (name) => channelValues(field, name) ?? new Float32Array(),
     );

@@ -2,11 +2,13 @@
 // The sky drawn on this computer: volumes from the server, the server's own kernels, a camera of its own, at the display's rate.
 
 /** @import { Camera, Cloud, Numbers, Scenery, VolumeField } from "./types.js" */
+/** @import { Shown } from "./playout.js" */
 
 import { Kernels, loadShaders } from "./kernels.js";
-import { Past } from "./past.js";
+import { Playout } from "./playout.js";
 import { Raymarcher } from "./raymarch.js";
 import { sunDirection } from "./scenery.js";
+import { unixMs } from "./latency.js";
 import { request } from "./stream.js";
 import { VolumeStream, channelValues } from "./volume.js";
 
@@ -19,6 +21,12 @@ const REST_MS = 250;
 const PIXELS_LEAST = 64 * 36;
 const PIXELS_MOST = 2560 * 1440;
 const SCENERY_EVERY_MS = 10_000;
+/** Volumes a second that are asked for: what lies between two of them is mixed. */
+const VOLUMES_HZ = 4;
+/** Between two volumes the cloud changes in so many steps at most. */
+const STEPS_BETWEEN = 30;
+/** Of the GPU's time new clouds take at most one part in so many. */
+const CLOUD_SHARE = 2;
 
 const PRESENT = /* wgsl */ `
 @group(0) @binding(0) var<storage, read> picture: array<u32>;
@@ -70,6 +78,23 @@ export function cloudOf(field) {
 }
 
 /**
+ * What lies between two fields of one shape, cell by cell; the later one's share is `weight`.
+ * @param {Cloud} a
+ * @param {Cloud} b
+ * @param {number} weight
+ * @returns {Cloud}
+ */
+export function mixed(a, b, weight) {
+  const extinction_per_m = new Float32Array(a.extinction_per_m.length);
+  for (let n = 0; n < extinction_per_m.length; n++) {
+    extinction_per_m[n] = (1 - weight) * a.extinction_per_m[n] + weight * b.extinction_per_m[n];
+  }
+  /** @param {0 | 1} axis */
+  const moved = (axis) => (1 - weight) * a.air_displacement_m[axis] + weight * b.air_displacement_m[axis];
+  return { ...a, extinction_per_m, air_displacement_m: [moved(0), moved(1)] };
+}
+
+/**
  * A GPU that this page may compute on, or why there is none.
  * @returns {Promise<{device: GPUDevice, name: string, software: boolean} | string>}
  */
@@ -97,7 +122,24 @@ export async function openDevice() {
  * @property {number} width
  * @property {number} height
  * @property {boolean} full
- * @property {{published_unix_s: number, encoded_unix_s: number, arrived_unix_ms: number, decode_ms: number} | null} volume of the first picture of a volume
+ * @property {VolumeTiming | null} volume of the first picture of a volume
+ */
+
+/**
+ * When a volume was published, coded and received, and how long it was held back.
+ * @typedef {object} VolumeTiming
+ * @property {number} published_unix_s
+ * @property {number} encoded_unix_s
+ * @property {number} arrived_unix_ms
+ * @property {number} decode_ms
+ * @property {number} held_ms
+ */
+
+/**
+ * @typedef {object} LocalHandlers
+ * @property {(drawn: Drawn) => void} drawn
+ * @property {(field: VolumeField) => void} field that has come
+ * @property {(why: string) => void} trouble
  */
 
 /** Draws one world's sky into a canvas. */
@@ -106,7 +148,7 @@ export class LocalSky {
    * @param {HTMLCanvasElement} canvas
    * @param {{device: GPUDevice, name: string}} gpu
    * @param {Kernels} kernels
-   * @param {{drawn: (drawn: Drawn) => void, trouble: (why: string) => void}} handlers
+   * @param {LocalHandlers} handlers
    */
   constructor(canvas, gpu, kernels, handlers) {
     this.canvas = canvas;
@@ -143,13 +185,22 @@ export class LocalSky {
     this.world = null;
     /** Whether the cloud, or that there is none, is known: a clear sky is not to be shown for one that has not come. */
     this.ready = false;
-    this.past = new Past();
+    this.playout = new Playout();
+    /** @type {WeakMap<VolumeField, {arrived_unix_ms: number, decode_ms: number}>} of fields whose way has not been told yet */
+    this.timings = new WeakMap();
+    /** @type {{field: VolumeField, cloud: Cloud | null}[]} the last ones that were decoded: two are mixed again and again */
+    this.clouds = [];
+    /** @type {Shown | null} what the cloud was made of */
+    this.shown = null;
     /** @type {VolumeField | null} shown instead of what comes */
     this.shownPast = null;
+    this.cloudMs = 0;
+    this.lastCloudMs = -Infinity;
     /** @type {number | null} the tick of the cloud */
     this.tick = null;
-    /** @type {Drawn["volume"]} */
+    /** @type {VolumeTiming | null} */
     this.newVolume = null;
+    this.newCloud = false;
     this.msPerPixel = 1e-4;
     this.changedMs = -Infinity;
     this.dirty = false;
@@ -169,7 +220,7 @@ export class LocalSky {
    * Compiles everything.
    * @param {HTMLCanvasElement} canvas
    * @param {{device: GPUDevice, name: string}} gpu
-   * @param {{drawn: (drawn: Drawn) => void, trouble: (why: string) => void}} handlers
+   * @param {LocalHandlers} handlers
    */
   static async make(canvas, gpu, handlers) {
     return new LocalSky(canvas, gpu, await Kernels.compile(gpu.device, await loadShaders()), handlers);
@@ -183,13 +234,14 @@ export class LocalSky {
       this.scenery = null;
       this.tick = null;
       this.ready = false;
-      this.past.clear();
+      this.playout = new Playout();
+      this.shown = null;
       this.shownPast = null;
       this.raymarcher.setCloud(null);
     }
     await this.learnScenery();
     if (this.running && this.world === world) {
-      this.volumes.open(world, { channels: ["extinction_per_m"], rate_hz: 8, bits: 8, compression: "deflate" });
+      this.volumes.open(world, { channels: ["extinction_per_m"], rate_hz: VOLUMES_HZ, bits: 8, compression: "deflate" });
       this.changed();
     }
   }
@@ -241,34 +293,81 @@ export class LocalSky {
 
   /** @param {VolumeField} field @param {{arrived_unix_ms: number, decode_ms: number}} timing */
   took(field, timing) {
-    this.past.push(field);
-    if (this.shownPast === null) {
-      const { published_unix_s, encoded_unix_s } = field.header;
-      this.newVolume = { published_unix_s, encoded_unix_s, ...timing };
-      this.showField(field);
-    }
+    this.handlers.field(field);
+    this.timings.set(field, timing);
+    this.playout.push(field, this.whenArrived_unix_s(timing.arrived_unix_ms));
+    this.schedule(false);
+  }
+
+  /** What the server's clock said when ours said so: when a message came, not now that it has been read. @param {number} arrived_unix_ms */
+  whenArrived_unix_s(arrived_unix_ms) {
+    return this.volumes.server_unix_s - (unixMs() - arrived_unix_ms) / 1000;
   }
 
   /** @param {VolumeField} field */
-  showField(field) {
-    this.raymarcher.setCloud(cloudOf(field));
-    this.tick = field.header.tick;
+  cloud(field) {
+    const known = this.clouds.find((one) => one.field === field) ?? { field, cloud: cloudOf(field) };
+    this.clouds = [known, ...this.clouds.filter((one) => one !== known)].slice(0, 2);
+    return known.cloud;
+  }
+
+  /** Makes the cloud what it is to be now: of the moment that is looked back at, or between the two volumes around what is played. */
+  play() {
+    if (this.shownPast !== null) {
+      return;
+    }
+    const shown = this.playout.at(this.volumes.server_unix_s);
+    const last = this.shown;
+    if (shown === null) {
+      return;
+    }
+    const { before, after, weight } = shown;
+    // A volume that is there whole is always shown, and the first steps towards the next come in their time.
+    const another = last === null || last.before !== before || (last.after === null) !== (after === null);
+    const moved = last === null || weight - last.weight >= 1 / STEPS_BETWEEN;
+    const affordable = performance.now() - this.lastCloudMs >= CLOUD_SHARE * this.cloudMs;
+    if (!another && !(moved && affordable)) {
+      return;
+    }
+    const timing = this.timings.get(before);
+    if (timing !== undefined) {
+      this.timings.delete(before);
+      const { published_unix_s, encoded_unix_s } = before.header;
+      const way_s = this.whenArrived_unix_s(timing.arrived_unix_ms) - published_unix_s;
+      const held_ms = Math.max(0, 1000 * (this.playout.delay_s - way_s) - timing.decode_ms);
+      this.newVolume = { published_unix_s, encoded_unix_s, ...timing, held_ms };
+    }
+    const [a, b] = [this.cloud(before), after === null ? null : this.cloud(after)];
+    this.shown = shown;
+    this.setCloud(a !== null && b !== null && weight > 0 ? mixed(a, b, weight) : a, (weight < 0.5 ? before : (after ?? before)).header.tick);
+  }
+
+  /** @param {Cloud | null} cloud @param {number} tick */
+  setCloud(cloud, tick) {
+    this.raymarcher.setCloud(cloud);
+    this.lastCloudMs = performance.now();
+    this.newCloud = true;
+    this.tick = tick;
     this.ready = true;
-    this.changed();
+    this.dirty = true;
+    this.changedMs = performance.now();
+    this.shownFull = false;
   }
 
   /**
-   * Shows what was there before, or, with 0, what comes. Gives the field that is shown; null where nothing is kept.
-   * @param {number} ago_s
+   * Shows what was there before, or, with null, what comes.
+   * @param {VolumeField | null} field
    */
-  lookBack(ago_s) {
-    const field = this.past.at(ago_s);
-    const before = this.shownPast;
-    this.shownPast = ago_s > 0 ? field : null;
-    if (field !== null && (this.shownPast !== before || before === null)) {
-      this.showField(field);
+  showPast(field) {
+    if (field === this.shownPast) {
+      return;
     }
-    return field;
+    this.shownPast = field;
+    this.shown = null;
+    if (field !== null) {
+      this.setCloud(this.cloud(field), field.header.tick);
+    }
+    this.schedule(true);
   }
 
   /** Towards the sun that is shown: the past has its own. */
@@ -301,6 +400,7 @@ export class LocalSky {
   }
 
   async step() {
+    this.play();
     const [fullWidth, fullHeight] = this.fullSize();
     const resting = performance.now() - this.changedMs >= REST_MS;
     const quick = this.msPerPixel * fullWidth * fullHeight <= ALWAYS_FULL_MS;
@@ -313,15 +413,18 @@ export class LocalSky {
       const width = Math.max(1, Math.round(fullWidth * shrink));
       const height = Math.max(1, Math.round(fullHeight * shrink));
       this.dirty = false;
-      const volume = this.newVolume;
+      const { newVolume: volume, newCloud } = this;
       this.newVolume = null;
+      this.newCloud = false;
       const began = performance.now();
       try {
         this.paint(this.raymarcher.draw(scenery, camera, sun, [width, height]), [width, height], [fullWidth, fullHeight]);
         await this.device.queue.onSubmittedWorkDone();
         const ms = performance.now() - began;
-        // What a new cloud's shape takes does not depend on the pixels.
-        if (volume === null) {
+        // What a new cloud's shape and light take does not depend on the pixels.
+        if (newCloud) {
+          this.cloudMs += 0.3 * (Math.max(0, ms - this.msPerPixel * width * height) - this.cloudMs);
+        } else {
           this.msPerPixel += 0.3 * (Math.max(ms - 1, 0.1) / (width * height) - this.msPerPixel);
         }
         this.shownFull = width === fullWidth && height === fullHeight && !this.dirty;
@@ -334,7 +437,8 @@ export class LocalSky {
     this.drawing = false;
     // Without what it needs there is nothing to wait for here: what comes calls again.
     const able = this.ready && scenery !== null && camera !== null && sun !== null;
-    if (this.running && able && (this.dirty || !this.shownFull)) {
+    const plays = this.shownPast === null && this.playout.moves;
+    if (this.running && able && (this.dirty || plays || !this.shownFull)) {
       this.schedule(false);
     }
   }

@@ -15,7 +15,7 @@ export const FRAME_HEADER_VERSION = 2;
 const MIMES = ["", "image/jpeg", "image/png", "image/webp"];
 const FIRST_RETRY_S = 1;
 const LAST_RETRY_S = 20;
-const REQUEST_LIMIT_MS = 15_000;
+export const REQUEST_LIMIT_MS = 15_000;
 /** A stream that is silent for so long is checked with a request: a paused world is silent, and so is a dead cable. */
 const SILENCE_MS = 8_000;
 

@@ -155,6 +155,9 @@ export interface VolumeHeader {
 /** A volume: the codes of each channel, `[z][y][x]`. */
 export interface VolumeField { header: VolumeHeader; codes: (Uint8Array | Uint16Array)[] }
 
+/** A moment that the server has kept, as `GET /v1/worlds/{id}/past` lists it. */
+export interface PastMoment { tick: number; simulated_s: number; published_unix_s: number; bytes: number }
+
 export interface VolumeSubscription {
   channels: string[];
   rate_hz: number;

@@ -21,7 +21,7 @@ const SEND_INTERVAL_MS = 100;
 const COMPASS = ["N", "NE", "E", "SE", "S", "SW", "W", "NW"];
 
 /** @param {number} value @param {number} low @param {number} high */
-const clamp = (value, low, high) => Math.min(high, Math.max(low, value));
+export const clamp = (value, low, high) => Math.min(high, Math.max(low, value));
 
 /** @param {number} azimuth_deg */
 export function compassPoint(azimuth_deg) {
@@ -42,7 +42,7 @@ export class SkyView {
     this.cameraShown = cameraShown;
     /** @type {Camera | null} */
     this.camera = null;
-    /** @type {Frame | null} the newest frame that waits for the decoder */
+    /** @type {{image: Blob, tick: number, frame: Frame | null} | null} the newest picture that waits for the decoder; null for one that is no frame of the stream */
     this.waiting = null;
     this.decoding = false;
     /** @type {ReturnType<typeof setTimeout> | undefined} */
@@ -114,10 +114,23 @@ export class SkyView {
    * @param {Frame} frame
    */
   show(frame) {
+    this.decode({ image: new Blob([frame.image], { type: frame.mime }), tick: frame.tick, frame });
+  }
+
+  /**
+   * Shows a picture that did not come by the stream.
+   * @param {Blob} image @param {number} tick
+   */
+  showPicture(image, tick) {
+    this.decode({ image, tick, frame: null });
+  }
+
+  /** @param {{image: Blob, tick: number, frame: Frame | null}} picture */
+  decode(picture) {
     if (this.waiting !== null) {
       this.dropped += 1;
     }
-    this.waiting = frame;
+    this.waiting = picture;
     if (!this.decoding) {
       void this.decodeWaiting();
     }
@@ -126,20 +139,22 @@ export class SkyView {
   async decodeWaiting() {
     this.decoding = true;
     while (this.waiting !== null) {
-      const frame = this.waiting;
+      const { image, tick, frame } = this.waiting;
       this.waiting = null;
       const began = performance.now();
       try {
-        const bitmap = await createImageBitmap(new Blob([frame.image], { type: frame.mime }));
+        const bitmap = await createImageBitmap(image);
         if (this.canvas.width !== bitmap.width || this.canvas.height !== bitmap.height) {
           this.canvas.width = bitmap.width;
           this.canvas.height = bitmap.height;
         }
         this.context.drawImage(bitmap, 0, 0);
         bitmap.close();
-        this.shownTick = frame.tick;
+        this.shownTick = tick;
         this.drawnMs.push(performance.now());
-        this.onDrawn?.(frame, performance.now() - began);
+        if (frame !== null) {
+          this.onDrawn?.(frame, performance.now() - began);
+        }
       } catch (error) {
         console.warn("a frame could not be decoded", error);
       }
@@ -147,15 +162,18 @@ export class SkyView {
     this.decoding = false;
   }
 
+  /** Pixels of the window that the whole picture is high: the server's covers the window, so it may be higher than what is seen of it. */
+  get pictureHeight() {
+    const scale = Math.max(innerWidth / this.canvas.width, innerHeight / this.canvas.height);
+    return this.fitsWindow ? innerHeight : this.canvas.height * scale;
+  }
+
   /** @param {number} dx pixels to the right @param {number} dy pixels down */
   turnByPixels(dx, dy) {
     if (this.camera === null) {
       return;
     }
-    // The server's picture covers the window, so it may be higher than what is seen of it.
-    const scale = Math.max(innerWidth / this.canvas.width, innerHeight / this.canvas.height);
-    const height = this.fitsWindow ? innerHeight : this.canvas.height * scale;
-    const degreesPerPixel = this.camera.vertical_fov_deg / height;
+    const degreesPerPixel = this.camera.vertical_fov_deg / this.pictureHeight;
     // Near the zenith a turn of the azimuth moves the picture less; follow the finger, within reason.
     const spread = Math.max(0.2, Math.cos((this.camera.elevation_deg * Math.PI) / 180));
     const azimuth_deg = this.camera.azimuth_deg - (dx * degreesPerPixel) / spread;

@@ -4,6 +4,8 @@
 /** @import { ApiError, VolumeField, VolumeHeader, VolumeSubscription } from "./types.js" */
 
 import { unixMs } from "./latency.js";
+import { Clock } from "./playout.js";
+import { REQUEST_LIMIT_MS, ServerError } from "./stream.js";
 
 export const VOLUME_VERSION = 1;
 const HEADER_BYTES = 152;
@@ -16,6 +18,8 @@ const [SAME, UNIFORM, DIFFERENCED, CHANGES] = [0, 1, 3, 4];
 const CHANNELS_MAX = 32;
 const FIRST_RETRY_MS = 1_000;
 const LAST_RETRY_MS = 20_000;
+/** The server's clock is asked for so often at first, so many times, and then so often. */
+const [PING_FIRST_MS, PINGS_FIRST, PING_THEN_MS] = [50, 5, 1_000];
 
 /** @param {string} why */
 const bad = (why) => new RangeError(`a volume cannot be read: ${why}`);
@@ -314,6 +318,23 @@ export function channelValues(field, name) {
 }
 
 /**
+ * One volume over plain HTTP.
+ * @param {string} path
+ * @returns {Promise<VolumeField>}
+ */
+export async function fetchField(path) {
+  const answer = await fetch(path, { signal: AbortSignal.timeout(REQUEST_LIMIT_MS), cache: "no-store" });
+  if (!answer.ok) {
+    throw new ServerError(answer.status, await answer.json());
+  }
+  const field = await new VolumeReceiver().take(await answer.arrayBuffer());
+  if (typeof field === "string") {
+    throw new Error("the server sent no keyframe");
+  }
+  return field;
+}
+
+/**
  * @typedef {object} VolumeHandlers
  * @property {(field: VolumeField, timing: {arrived_unix_ms: number, decode_ms: number}) => void} field
  * @property {() => void} absent the world has none of the channels that are wanted
@@ -330,6 +351,9 @@ export class VolumeStream {
     /** @type {VolumeSubscription | null} */
     this.subscription = null;
     this.receiver = new VolumeReceiver();
+    this.clock = new Clock();
+    /** @type {ReturnType<typeof setTimeout> | undefined} */
+    this.nextPing = undefined;
     /** @type {{message: ArrayBuffer, arrived_unix_ms: number}[]} */
     this.waiting = [];
     this.reading = false;
@@ -363,7 +387,9 @@ export class VolumeStream {
     socket.binaryType = "arraybuffer";
     this.socket = socket;
     this.receiver = new VolumeReceiver();
+    this.clock = new Clock();
     this.waiting = [];
+    socket.addEventListener("open", () => this.ping(socket, 0));
     socket.addEventListener("message", (event) => {
       if (this.socket !== socket) {
         return;
@@ -388,11 +414,27 @@ export class VolumeStream {
   /** No more volumes. */
   close() {
     clearTimeout(this.retry);
+    clearTimeout(this.nextPing);
     const socket = this.socket;
     this.socket = null;
     this.world = null;
     this.waiting = [];
     socket?.close();
+  }
+
+  /** Asks for the server's clock, again and again while the connection stands. @param {WebSocket} socket @param {number} asked */
+  ping(socket, asked) {
+    if (this.socket === socket) {
+      this.send({ type: "ping", client_s: unixMs() / 1000 });
+      clearTimeout(this.nextPing);
+      this.nextPing = setTimeout(() => this.ping(socket, asked + 1), asked < PINGS_FIRST ? PING_FIRST_MS : PING_THEN_MS);
+    }
+  }
+
+  /** The server's clock now, Unix seconds; ours until the server's is known. */
+  get server_unix_s() {
+    const now_s = unixMs() / 1000;
+    return this.clock.server_unix_s(now_s) ?? now_s;
   }
 
   /** @param {object} message */
@@ -402,7 +444,7 @@ export class VolumeStream {
     }
   }
 
-  /** @param {{type: string, view?: number, channels?: string[], error?: ApiError}} message */
+  /** @param {{type: string, view?: number, channels?: string[], client_s?: number, server_unix_s?: number, error?: ApiError}} message */
   heard(message) {
     if (message.type === "hello") {
       this.failures = 0;
@@ -413,6 +455,8 @@ export class VolumeStream {
       }
     } else if (message.type === "subscribed" && message.view !== undefined) {
       this.receiver.expect(message.view);
+    } else if (message.type === "pong" && message.client_s !== undefined && message.server_unix_s !== undefined) {
+      this.clock.answered(message.client_s, unixMs() / 1000, message.server_unix_s);
     } else if (message.type === "error" && message.error !== undefined) {
       this.handlers.error(message.error.message);
     }

@@ -1,6 +1,7 @@
 // What the drivers of the page share: a headless Chromium, time limits, and the words for what holds.
 
 import { mkdirSync } from "node:fs";
+import { createInterface } from "node:readline";
 import { chromium } from "playwright-core";
 
 const WHOLE_LIMIT_MS = 240_000;
@@ -22,6 +23,28 @@ async function wait(what, probe, limitMs) {
 
 /** `wait` with a limit for steps that name none. */
 export const waiting = (stepLimitMs) => (what, probe, limitMs = stepLimitMs) => wait(what, probe, limitMs);
+
+/** @type {AsyncIterator<string> | undefined} */
+let lines;
+
+/** Asks the parent for something by a line on standard output, waits for its line on standard input, and returns it; it must begin with `answer`. */
+export async function askParent(request, answer) {
+  lines ??= createInterface({ input: process.stdin })[Symbol.asyncIterator]();
+  console.log(request);
+  const { value, done } = await lines.next();
+  if (done || !value.startsWith(answer)) {
+    throw new Error(`the parent answered ${JSON.stringify(value)} to ${request.slice(0, 40)}, not ${answer}`);
+  }
+  return value;
+}
+
+/** Sets a slider as a person does, with its events. */
+export const slide = (page, selector, value) =>
+  page.locator(selector).evaluate((input, v) => {
+    input.value = String(v);
+    input.dispatchEvent(new Event("input", { bubbles: true }));
+    input.dispatchEvent(new Event("change", { bubbles: true }));
+  }, value);
 
 export function check(what, holds, seen) {
   if (!holds) {

@@ -5,22 +5,10 @@
 // It asks its parent for the server's death and return by the lines STOP and START on standard output, and waits for
 // STOPPED and STARTED on standard input. Exit code 0 says that every check held; a failed check is named on standard error.
 
-import { createInterface } from "node:readline";
-import { check, drive, waiting } from "./common.mjs";
+import { askParent, check, drive, slide, waiting } from "./common.mjs";
 
 const STEP_LIMIT_MS = 60_000;
 const until = waiting(STEP_LIMIT_MS);
-
-const lines = createInterface({ input: process.stdin })[Symbol.asyncIterator]();
-
-/** Asks the parent for something and waits until it is done. */
-async function askParent(request, answer) {
-  console.log(request);
-  const { value, done } = await lines.next();
-  if (done || value.trim() !== answer) {
-    throw new Error(`the parent answered ${JSON.stringify(value)} to ${request}, not ${answer}`);
-  }
-}
 
 /** A digest of the canvas: its size, the spread of its brightness, and a 16 x 9 thumbnail. */
 const picture = (page) =>
@@ -48,14 +36,6 @@ const difference = (a, b) => a.data.reduce((sum, v, i) => sum + Math.abs(v - b.d
 const text = (page, selector) => page.locator(selector).textContent();
 const tickOf = async (page) => Number(await text(page, "#n-tick"));
 
-/** Sets a slider as a person does, with its events. */
-const slide = (page, selector, value) =>
-  page.locator(selector).evaluate((input, v) => {
-    input.value = String(v);
-    input.dispatchEvent(new Event("input", { bubbles: true }));
-    input.dispatchEvent(new Event("change", { bubbles: true }));
-  }, value);
-
 await drive([], async (browser, url, outDir) => {
   const page = await browser.newPage({ viewport: { width: 1280, height: 720 } });
   page.setDefaultTimeout(STEP_LIMIT_MS);
@@ -70,7 +50,12 @@ await drive([], async (browser, url, outDir) => {
   });
   page.on("pageerror", (error) => complaints.push(String(error)));
   const foreign = [];
+  /** Pictures of the past that the page asked for. */
+  const pastPictures = [];
   page.on("request", (request) => {
+    if (/\/frame\?tick=/.test(request.url())) {
+      pastPictures.push(request.url());
+    }
     const host = new URL(request.url()).host;
     if (host !== new URL(url).host && !request.url().startsWith("blob:")) {
       foreign.push(request.url());
@@ -263,6 +248,81 @@ await drive([], async (browser, url, outDir) => {
   await page.screenshot({ path: `${outDir}/layers.png`, timeout: STEP_LIMIT_MS });
   await page.locator("#cut").selectOption("");
 
+  // The wind as arrows in the sky, and the air at one place as time goes on.
+  const overlay = () =>
+    page.locator("#overlay").evaluate((canvas) => {
+      const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+      let [bright, gold] = [0, 0];
+      for (let n = 0; n < data.length; n += 4) {
+        const [r, g, b, a] = data.slice(n, n + 4);
+        bright += a > 100 && Math.max(r, b) > 200 ? 1 : 0;
+        gold += a > 200 && r > 240 && Math.abs(g - 209) < 12 && b < 130 ? 1 : 0;
+      }
+      return { bright, gold };
+    });
+  check("nothing lies over the sky unasked", await page.locator("#overlay").isHidden(), null);
+  await page.locator("#arrows").focus();
+  await page.keyboard.press("Space");
+  await slide(page, "#arrows-height", 8);
+  const windSaid = await until("the arrows' legend names the wind", async () => {
+    const line = await text(page, "#arrows-legend");
+    return { ok: /^Wind at 638 m: up to [\d.]+ m\/s\. Red air rises, at most [\d.]+ m\/s; blue sinks, at most [\d.]+ m\/s\.$/.test(line ?? ""), line };
+  });
+  console.error(`figure: ${windSaid.line}`);
+  await until("arrows are in the sky", async () => {
+    const seen = await overlay();
+    return { ok: seen.bright > 400, seen };
+  });
+  await page.locator("#point").check();
+  await page.locator("#point-channel").selectOption("temperature_k");
+  await page.locator("#point-ahead").click();
+  const height = await text(page, "#point-z-out");
+  const series = await until("the line of a place grows", async () => {
+    const line = await text(page, "#series-text");
+    return { ok: /^Temperature: [\d.]+ K now; [\d.]+ to [\d.]+ K in (\d+ h )?\d+ min \d+ s simulated\.$/.test(line ?? "") && !/0 min 00 s/.test(line), line };
+  });
+  console.error(`figure: at ${height}: ${series.line}`);
+  await until("it is drawn", () =>
+    page.locator("#series-canvas").evaluate((canvas) => {
+      const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+      let gold = 0;
+      for (let n = 0; n < data.length; n += 4) {
+        gold += data[n] > 200 && data[n + 1] > 150 && data[n + 2] < 130 ? 1 : 0;
+      }
+      return { ok: gold > 100, gold };
+    }),
+  );
+  await until("the place is marked in the sky", async () => {
+    const seen = await overlay();
+    return { ok: seen.gold > 20, seen };
+  });
+  await page.locator("#series-canvas").scrollIntoViewIfNeeded();
+  await page.screenshot({ path: `${outDir}/arrows.png`, timeout: STEP_LIMIT_MS });
+  await page.locator("#point-z").focus();
+  await page.keyboard.press("ArrowRight");
+  check("an arrow key moves the place", (await text(page, "#point-z-out")) !== height, await text(page, "#point-z-out"));
+
+  // Looking back at pictures that the server draws of what it has kept.
+  await until("some seconds are kept", () => page.locator("#past").evaluate((past) => ({ ok: !past.disabled && past.min <= -5, min: past.min })));
+  await slide(page, "#past", -4);
+  await until("a picture of then is asked for", async () => pastPictures.length > 0);
+  await until("the page says of when", async () => {
+    const line = await text(page, "#past-out");
+    return { ok: /^0 min 04 s ago, .* simulated$/.test(line ?? ""), line };
+  });
+  check("no new ones are", commands.at(-1)?.type === "no_frames", commands.at(-1));
+  await until("arrows of now do not lie over it", async () => /not of what was/.test((await text(page, "#arrows-legend")) ?? ""));
+  const asked = pastPictures.length;
+  await page.locator("#sky").focus();
+  await page.keyboard.press("ArrowLeft");
+  await until("the camera turns in the past too", async () => pastPictures.length > asked);
+  const wishesThen = wishes.length;
+  await slide(page, "#past", 0);
+  await until("new pictures are asked for again", async () => wishes.length > wishesThen && (await text(page, "#past-out")) === "live");
+  await page.locator("#arrows").uncheck();
+  await page.locator("#point").uncheck();
+  await until("the sky is clear of them again", async () => page.locator("#overlay").isHidden());
+
   // Flying.
   const heightBefore = wishes.at(-1)?.camera?.position_m[2];
   await page.locator("#sky").focus();
@@ -366,4 +426,16 @@ await drive([], async (browser, url, outDir) => {
   );
   check("every control is within the screen's width", outside.length === 0, outside);
   await phone.screenshot({ path: `${outDir}/phone-panel.png`, timeout: STEP_LIMIT_MS });
+  await phone.locator("#arrows").check();
+  await phone.locator("#point").check();
+  await until("layers work on a phone", async () => /now;/.test((await text(phone, "#series-text")) ?? "") && /^Wind/.test((await text(phone, "#arrows-legend")) ?? ""));
+  check("their controls fit", (await overflow()) <= 0, await overflow());
+  await phone.locator("#arrows").scrollIntoViewIfNeeded();
+  await phone.screenshot({ path: `${outDir}/phone-arrows.png`, timeout: STEP_LIMIT_MS });
+  const unnamed = await phone.evaluate(() =>
+    [...document.querySelectorAll("input, select, button, canvas[role]")]
+      .filter((e) => !e.getAttribute("aria-label") && !(e.labels?.length > 0) && e.textContent.trim() === "")
+      .map((e) => e.id || e.outerHTML),
+  );
+  check("every control has a name", unnamed.length === 0, unnamed);
 });

@@ -1,17 +1,22 @@
 //! The web page in a real browser against a real server: `page.mjs` and `local.mjs` drive a headless Chromium, without and with WebGPU; this side finds
 //! the tools, runs the server, and takes it away and brings it back when a driver asks for that.
 
+use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Write};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use futures_util::StreamExt;
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
+use welkin_client::volume::{VolumeEvent, VolumeOptions, subscribe};
+use welkin_proto::volume::subscribe::Subscription;
 use welkin_proto::{Scene, presets};
 use welkin_server::http::{AppState, serve_until};
 use welkin_server::limits::Limits;
@@ -69,6 +74,67 @@ impl Server {
             .await
             .expect("the server does not panic")
             .expect("serving ends well");
+    }
+}
+
+/// Native clients who ask for what the page asks for, and what they hold: a hash of all values by tick.
+#[derive(Clone, Default)]
+struct Natives {
+    held: Arc<Mutex<Vec<BTreeMap<u64, u32>>>>,
+}
+
+impl Natives {
+    /// Ten, who come one after another.
+    async fn subscribe(&self, address: SocketAddr) {
+        for n in 0..10 {
+            let options = VolumeOptions {
+                subscription: Subscription {
+                    rate_hz: 4.0,
+                    ..Subscription::default()
+                },
+                ..VolumeOptions::default()
+            };
+            let mut volumes = subscribe(&format!("http://{address}"), options).expect("a good URL");
+            let held = Arc::clone(&self.held);
+            held.lock().expect("nobody panics").push(BTreeMap::new());
+            tokio::spawn(async move {
+                while let Some(event) = volumes.next().await {
+                    if let VolumeEvent::Volume { field, .. } = event {
+                        let values = field.channels[0].values();
+                        // FNV-1a, as the driver has it.
+                        let hash = values
+                            .iter()
+                            .flat_map(|v| v.to_le_bytes())
+                            .fold(0x811c_9dc5, |hash: u32, byte| {
+                                (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193)
+                            });
+                        held.lock().expect("nobody panics")[n].insert(field.moment.tick, hash);
+                    }
+                }
+            });
+            tokio::time::sleep(Duration::from_millis(150)).await;
+        }
+    }
+
+    /// Compares what a browser holds; says how much of it natives hold too.
+    fn compare(&self, json: &str) -> String {
+        let theirs: BTreeMap<u64, u32> = serde_json::from_str(json).expect("hashes by tick");
+        let held = self.held.lock().expect("nobody panics");
+        let pairs = held.iter().flat_map(|client| {
+            let common = client
+                .iter()
+                .filter_map(|(tick, hash)| theirs.get(tick).map(|t| (tick, t, hash)));
+            common.collect::<Vec<_>>()
+        });
+        let pairs: Vec<_> = pairs.collect();
+        let clients = held
+            .iter()
+            .filter(|client| client.keys().any(|tick| theirs.contains_key(tick)));
+        match pairs.iter().find(|(_, theirs, ours)| theirs != ours) {
+            Some((tick, ..)) => format!("OTHER at tick {tick}"),
+            None if clients.clone().count() < 10 => format!("FEW: {} clients", clients.count()),
+            None => format!("SAME {} fields of {} clients", pairs.len(), clients.count()),
+        }
     }
 }
 
@@ -169,6 +235,7 @@ fn drive(script: &str, scene: &Scene, pictures: &[&str]) {
         }
     });
 
+    let natives = Natives::default();
     let end = Instant::now() + DRIVER_LIMIT;
     let mut passed = false;
     loop {
@@ -191,7 +258,15 @@ fn drive(script: &str, scene: &Scene, pictures: &[&str]) {
                 server.as_ref().expect("STRIKE comes while it runs").strike();
                 writeln!(to_driver, "STRUCK").expect("the driver listens");
             }
+            "NATIVES" => {
+                runtime.block_on(natives.subscribe(address));
+                writeln!(to_driver, "SUBSCRIBED").expect("the driver listens");
+            }
             "PASSED" => passed = true,
+            compare if compare.starts_with("COMPARE ") => {
+                let said = natives.compare(&compare["COMPARE ".len()..]);
+                writeln!(to_driver, "{said}").expect("the driver listens");
+            }
             other => println!("{other}"),
         }
     }
@@ -219,9 +294,11 @@ fn the_page_shows_a_live_sky_and_survives_the_loss_of_its_server() {
             "desktop.png",
             "layers.png",
             "lost.png",
+            "arrows.png",
             "degraded.png",
             "phone.png",
             "phone-panel.png",
+            "phone-arrows.png",
         ],
     );
 }
@@ -236,20 +313,31 @@ fn the_page_draws_the_same_sky_itself() {
     drive("local.mjs", &scene, &["here.png", "server.png", "window.png"]);
 }
 
-/// The page's decoder of volumes on the vectors of the protocol.
-#[test]
-fn the_page_reads_volumes_as_the_protocol_says() {
+/// Runs a script of the page's own modules without a browser; it must pass.
+fn run_by_node(script: &str, arguments: &[PathBuf]) {
     let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("browser");
     let Some((_, node)) = tools_or_skip(&here) else {
         return;
     };
-    let vectors = here.with_file_name("fixtures").join("volume");
-    let read = Command::new(node)
-        .arg(here.join("volume.mjs"))
-        .arg(&vectors)
+    let ran = Command::new(node)
+        .arg(here.join(script))
+        .args(arguments)
         .output()
         .expect("node starts");
-    let said = String::from_utf8_lossy(&read.stdout).into_owned();
-    let complaints = String::from_utf8_lossy(&read.stderr).into_owned();
-    assert!(read.status.success() && said.contains("PASSED"), "{said}{complaints}");
+    let said = String::from_utf8_lossy(&ran.stdout).into_owned();
+    let complaints = String::from_utf8_lossy(&ran.stderr).into_owned();
+    assert!(ran.status.success() && said.contains("PASSED"), "{said}{complaints}");
+}
+
+/// The page's decoder of volumes on the vectors of the protocol.
+#[test]
+fn the_page_reads_volumes_as_the_protocol_says() {
+    let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
+    run_by_node("volume.mjs", &[fixtures.join("volume")]);
+}
+
+/// The page's clock, its playing between two volumes and its past.
+#[test]
+fn the_page_plays_volumes_as_the_protocol_says() {
+    run_by_node("playout.mjs", &[]);
 }

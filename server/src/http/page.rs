@@ -20,21 +20,29 @@ macro_rules! scripts {
 /// The page's scripts.
 const SCRIPTS: &[(&str, &str)] = scripts![
     "main.js",
+    "arrows.js",
+    "controls.js",
     "drawing.js",
     "flight.js",
     "kernels.js",
     "latency.js",
     "layers.js",
     "local.js",
+    "lookback.js",
+    "overlay.js",
     "panel.js",
     "past.js",
+    "playout.js",
     "raymarch.js",
     "scenery.js",
+    "series.js",
     "sounding.js",
+    "status.js",
     "stream.js",
     "sun.js",
     "view.js",
-    "volume.js"
+    "volume.js",
+    "worlds.js"
 ];
 const STYLE: &str = include_str!("../../../client/web/style.css");
 const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
