@@ -1,13 +1,13 @@
 // @ts-check
 // The sky drawn on this computer: volumes from the server, the server's own kernels, a camera of its own, at the display's rate.
 
-/** @import { Camera, Cloud, Numbers, Scenery, VolumeField } from "./types.js" */
+/** @import { Camera, Cloud, Lights, Numbers, Scenery, VolumeField } from "./types.js" */
 /** @import { Shown } from "./playout.js" */
 
 import { Kernels, loadShaders } from "./kernels.js";
 import { Playout } from "./playout.js";
 import { Raymarcher } from "./raymarch.js";
-import { sunDirection } from "./scenery.js";
+import { earlier, sunDirection } from "./scenery.js";
 import { unixMs } from "./latency.js";
 import { request } from "./stream.js";
 import { VolumeStream, channelValues } from "./volume.js";
@@ -179,8 +179,12 @@ export class LocalSky {
     this.scenery = null;
     /** @type {Camera | null} */
     this.camera = null;
-    /** @type {number[] | null} */
-    this.sun = null;
+    /** @type {Lights | null} */
+    this.lights = null;
+    /** Simulated seconds that the lights are of. */
+    this.lights_s = 0;
+    /** @type {string | null} the stars that are there */
+    this.starsAre = null;
     /** @type {string | null} */
     this.world = null;
     /** Whether the cloud, or that there is none, is known: a clear sky is not to be shown for one that has not come. */
@@ -262,6 +266,7 @@ export class LocalSky {
       /** @type {Scenery} */
       const scenery = await request("GET", `/v1/worlds/${encodeURIComponent(world)}/scenery`);
       if (this.world === world && JSON.stringify(scenery) !== JSON.stringify(this.scenery)) {
+        await this.learnStars(world, scenery);
         this.scenery = scenery;
         this.changed();
       }
@@ -269,6 +274,19 @@ export class LocalSky {
       if (this.scenery === null) {
         this.handlers.trouble(error instanceof Error ? error.message : String(error));
       }
+    }
+  }
+
+  /** @param {string} world @param {Scenery} scenery */
+  async learnStars(world, { stars }) {
+    const wanted = stars ? `${stars.faintest_magnitude} ${stars.years_since_2000}` : null;
+    if (wanted !== null && wanted !== this.starsAre) {
+      const answer = await fetch(`/v1/worlds/${encodeURIComponent(world)}/stars.bin`);
+      if (!answer.ok) {
+        throw new Error(`the stars cannot be had: ${answer.status}`);
+      }
+      this.raymarcher.setStars(await answer.arrayBuffer());
+      this.starsAre = wanted;
     }
   }
 
@@ -280,9 +298,19 @@ export class LocalSky {
 
   /** @param {Numbers} numbers */
   setNumbers(numbers) {
-    const sun = sunDirection(numbers.sun_elevation_deg, numbers.sun_azimuth_deg);
-    if (this.sun === null || sun.some((c, n) => c !== this.sun?.[n])) {
-      this.sun = sun;
+    const { moon_elevation_deg, moon_azimuth_deg, moon_distance_m } = numbers;
+    /** @type {Lights} */
+    const lights = {
+      sun: sunDirection(numbers.sun_elevation_deg, numbers.sun_azimuth_deg),
+      moon:
+        moon_elevation_deg == null || moon_azimuth_deg == null || moon_distance_m == null
+          ? null
+          : { direction: sunDirection(moon_elevation_deg, moon_azimuth_deg), distance_m: moon_distance_m },
+      sidereal_deg: numbers.sidereal_deg ?? null,
+    };
+    if (JSON.stringify(lights) !== JSON.stringify(this.lights)) {
+      this.lights = lights;
+      this.lights_s = numbers.simulated_s;
       this.changed();
     }
     // Effects can change while a world runs, and then what it tells the kernels does.
@@ -370,9 +398,14 @@ export class LocalSky {
     this.schedule(true);
   }
 
-  /** Towards the sun that is shown: the past has its own. */
-  shownSun() {
-    return this.shownPast?.header.sun_direction ?? this.sun;
+  /** What stands in the sky that is shown: the past has its own sun, and moon and stars as far back as they have turned since. */
+  shownLights() {
+    const { lights, shownPast } = this;
+    if (lights === null || shownPast === null) {
+      return lights;
+    }
+    const { simulated_s, sun_direction } = shownPast.header;
+    return { ...earlier(lights, this.lights_s - simulated_s, this.scenery?.stars?.latitude_deg ?? null), sun: sun_direction };
   }
 
   /** Something is to be drawn anew. */
@@ -405,8 +438,8 @@ export class LocalSky {
     const resting = performance.now() - this.changedMs >= REST_MS;
     const quick = this.msPerPixel * fullWidth * fullHeight <= ALWAYS_FULL_MS;
     const { scenery, camera } = this;
-    const sun = this.shownSun();
-    if (this.running && this.ready && scenery !== null && camera !== null && sun !== null && (this.dirty || (resting && !this.shownFull))) {
+    const lights = this.shownLights();
+    if (this.running && this.ready && scenery !== null && camera !== null && lights !== null && (this.dirty || (resting && !this.shownFull))) {
       const full = resting || quick;
       const pixels = Math.max(PIXELS_LEAST, MOVING_MS / this.msPerPixel);
       const shrink = full ? 1 : Math.min(1, Math.sqrt(pixels / (fullWidth * fullHeight)));
@@ -418,7 +451,7 @@ export class LocalSky {
       this.newCloud = false;
       const began = performance.now();
       try {
-        this.paint(this.raymarcher.draw(scenery, camera, sun, [width, height]), [width, height], [fullWidth, fullHeight]);
+        this.paint(this.raymarcher.draw(scenery, camera, lights, [width, height]), [width, height], [fullWidth, fullHeight]);
         await this.device.queue.onSubmittedWorkDone();
         const ms = performance.now() - began;
         // What a new cloud's shape and light take does not depend on the pixels.
@@ -436,7 +469,7 @@ export class LocalSky {
     }
     this.drawing = false;
     // Without what it needs there is nothing to wait for here: what comes calls again.
-    const able = this.ready && scenery !== null && camera !== null && sun !== null;
+    const able = this.ready && scenery !== null && camera !== null && lights !== null;
     const plays = this.shownPast === null && this.playout.moves;
     if (this.running && able && (this.dirty || plays || !this.shownFull)) {
       this.schedule(false);
@@ -449,12 +482,12 @@ export class LocalSky {
    */
   async capture() {
     const { scenery, camera, tick } = this;
-    const sun = this.shownSun();
-    if (!this.ready || scenery === null || camera === null || sun === null) {
+    const lights = this.shownLights();
+    if (!this.ready || scenery === null || camera === null || lights === null) {
       return null;
     }
     const [width, height] = this.fullSize();
-    const { picture, row_words } = this.raymarcher.draw(scenery, camera, sun, [width, height]);
+    const { picture, row_words } = this.raymarcher.draw(scenery, camera, lights, [width, height]);
     const bytes = row_words * height * 4;
     const copy = this.device.createBuffer({ size: bytes, usage: GPUBufferUsage.MAP_READ | GPUBufferUsage.COPY_DST });
     const encoder = this.device.createCommandEncoder();

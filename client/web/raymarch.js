@@ -2,10 +2,10 @@
 // Pictures drawn on this computer's GPU by the server's kernels: the same stages in the same order as shaders/src/gpu/view.rs, and tables that
 // are made again only when what they depend on has changed.
 
-/** @import { Camera, Cloud, Scenery } from "./types.js" */
+/** @import { Camera, Cloud, Lights, Scenery } from "./types.js" */
 /** @import { Kernels } from "./kernels.js" */
 
-import { cameraPlace, cloudySlab, horizonSine, marchedSun, tableSun, viewFrame } from "./scenery.js";
+import { beamDirection, cameraPlace, cloudySlab, horizonSine, marchedSun, moonLook, tableSun, viewFrame } from "./scenery.js";
 
 /** Pixels that one submission draws at most, so that the page's other work on the GPU gets its turn. */
 const BAND_PIXELS = 1 << 18;
@@ -44,6 +44,11 @@ export class Raymarcher {
       size: kernels.shaders.structs.ShapeGrid.size_bytes,
       usage: GPUBufferUsage.UNIFORM,
     });
+    this.starWords = this.device.createBuffer({
+      label: "stars",
+      size: kernels.constant("STAR_WORDS") * 4,
+      usage: GPUBufferUsage.UNIFORM | GPUBufferUsage.COPY_DST,
+    });
     this.frame = kernels.device.createBuffer({
       label: "frame",
       size: kernels.shaders.structs.ViewFrame.size_bytes,
@@ -58,6 +63,14 @@ export class Raymarcher {
   setCloud(cloud) {
     this.cloud = cloud;
     this.shapeIsOld = true;
+  }
+
+  /**
+   * The stars that are drawn from now on.
+   * @param {ArrayBuffer} words
+   */
+  setStars(words) {
+    this.device.queue.writeBuffer(this.starWords, 0, words);
   }
 
   /**
@@ -103,29 +116,28 @@ export class Raymarcher {
    * Records and submits a picture; its bytes are in the returned buffer when the GPU is done, three a pixel, rows filled up to whole words.
    * @param {Scenery} scenery
    * @param {Camera} camera
-   * @param {number[]} sun towards it
+   * @param {Lights} lights
    * @param {[number, number]} size pixels
    */
-  draw(scenery, camera, sun, size) {
+  draw(scenery, camera, lights, size) {
     const { kernels } = this;
-    const table = tableSun(sun, kernels);
     const encoder = this.device.createCommandEncoder();
     const pass = encoder.beginComputePass();
     const detail = this.detailNoise(pass);
     const air = this.airTables(pass, scenery);
     const height_m = cameraPlace(camera, kernels)[2];
-    const sky = this.skyTable(pass, air, table, height_m);
+    const sky = this.skyTable(pass, scenery, air, lights, height_m);
     if (this.shapeIsOld) {
       this.makeShape(pass);
       this.shapeIsOld = false;
     }
-    const light = this.skyLight(pass, scenery, air, table);
-    const cloud = this.sunLight(pass, scenery, table);
+    const light = this.skyLight(pass, scenery, air, lights);
+    const cloud = this.sunLight(pass, scenery, tableSun(beamDirection(lights, kernels), kernels));
     pass.end();
     this.device.queue.submit([encoder.finish()]);
 
     const [width, height] = size;
-    const frame = viewFrame(scenery, camera, sun, this.shape === null ? null : this.cloud, size, kernels);
+    const frame = viewFrame(scenery, camera, lights, this.shape === null ? null : this.cloud, size, kernels);
     const picture = this.storage("picture", frame.row_words * height * 4);
     const { pipeline, group } = kernels.bind("march", {
       frame: this.frame,
@@ -139,6 +151,7 @@ export class Raymarcher {
       shadow: cloud.shadow,
       detail_words: detail,
       picture,
+      star_words: this.starWords,
     });
     const band = Math.max(8, Math.ceil(BAND_PIXELS / width / 8) * 8);
     for (let row = 0; row < height; row += band) {
@@ -195,29 +208,49 @@ export class Raymarcher {
   }
 
   /**
+   * What lights the sky: the sun with the night sky's own light, and the moon where its light is worth a sky.
+   * @param {Lights} lights
+   */
+  sources(lights) {
+    const { kernels } = this;
+    const moon = moonLook(lights, kernels);
+    const dark = { scattered_glow: [0, 0, 0], layer_glow: [0, 0, 0] };
+    const sun = { direction: tableSun(lights.sun, kernels), strength: [1, 1, 1] };
+    return moon?.lights_sky
+      ? [sun, { direction: tableSun(moon.direction, kernels), strength: moon.irradiance, ...dark }]
+      : [sun];
+  }
+
+  /**
    * @param {GPUComputePassEncoder} pass
+   * @param {Scenery} scenery
    * @param {{uniform: GPUBuffer, transmittance: GPUBuffer, multiple: GPUBuffer}} air
-   * @param {number[]} sun
+   * @param {Lights} lights
    * @param {number} height_m
    */
-  skyTable(pass, air, sun, height_m) {
+  skyTable(pass, scenery, air, lights, height_m) {
     const { kernels } = this;
     const texels = 2 * kernels.constant("SKY_HALF_ROWS") * kernels.constant("SKY_COLUMNS");
-    const table = this.storage("sky", texels * 16);
-    if (this.isNew("sky", this.made.get("air"), sun, height_m)) {
-      const view = kernels.uniform("SkyView", {
-        sun_direction: sun,
-        horizon_sine: horizonSine(height_m, kernels),
-        height_m,
+    const table = this.storage("sky", 2 * texels * 16);
+    const sources = this.sources(lights);
+    if (this.isNew("sky", this.made.get("air"), scenery.uniforms.SkyView, sources, height_m)) {
+      sources.forEach((source, n) => {
+        const view = kernels.uniform("SkyView", {
+          ...scenery.uniforms.SkyView,
+          ...source,
+          horizon_sine: horizonSine(height_m, kernels),
+          height_m,
+          first_texel: n * texels,
+        });
+        const buffers = {
+          air: air.uniform,
+          view,
+          transmittance_table: air.transmittance,
+          multiple_scattering_table: air.multiple,
+          table,
+        };
+        kernels.dispatch(pass, "sky", buffers, kernels.groups("sky", [texels]));
       });
-      const buffers = {
-        air: air.uniform,
-        view,
-        transmittance_table: air.transmittance,
-        multiple_scattering_table: air.multiple,
-        table,
-      };
-      kernels.dispatch(pass, "sky", buffers, kernels.groups("sky", [texels]));
     }
     return table;
   }
@@ -226,27 +259,32 @@ export class Raymarcher {
    * @param {GPUComputePassEncoder} pass
    * @param {Scenery} scenery
    * @param {{uniform: GPUBuffer, transmittance: GPUBuffer, multiple: GPUBuffer}} air
-   * @param {number[]} sun
+   * @param {Lights} lights
    */
-  skyLight(pass, scenery, air, sun) {
+  skyLight(pass, scenery, air, lights) {
     const { kernels } = this;
     const values = this.storage("sky light", kernels.shaders.structs.SkyLightValues.size_bytes, GPUBufferUsage.UNIFORM);
     const grid = this.shape?.grid;
-    const ask = {
+    const beam_share = moonLook(lights, kernels)?.beam_share ?? 0;
+    const asks = this.sources(lights).map((source, n) => ({
       ...scenery.uniforms.SkyLightAsk,
-      sun_direction: sun,
+      ...source,
+      beam_share: n === 1 ? beam_share : 0,
+      adds: n === 1,
       base_m: grid === undefined ? 0 : Math.max(1, Number(grid.bottom_m)),
       top_m: grid === undefined ? 1000 : Number(grid.top_m),
-    };
-    if (this.isNew("sky light", this.made.get("air"), ask)) {
-      const buffers = {
-        air: air.uniform,
-        ask: kernels.uniform("SkyLightAsk", ask),
-        transmittance_table: air.transmittance,
-        multiple_scattering_table: air.multiple,
-        light: values,
-      };
-      kernels.dispatch(pass, "sky_light", buffers, [1]);
+    }));
+    if (this.isNew("sky light", this.made.get("air"), asks)) {
+      for (const ask of asks) {
+        const buffers = {
+          air: air.uniform,
+          ask: kernels.uniform("SkyLightAsk", ask),
+          transmittance_table: air.transmittance,
+          multiple_scattering_table: air.multiple,
+          light: values,
+        };
+        kernels.dispatch(pass, "sky_light", buffers, [1]);
+      }
     }
     return values;
   }

@@ -2,7 +2,7 @@
 // What the kernels of the view are told that is neither the cloud nor the server's: where the camera looks, where the sun stands, which
 // levels hold cloud. The twins are shaders/src/view.rs and `ViewFrame::new` in shaders/src/gpu/view.rs.
 
-/** @import { Camera, Cloud, Scenery } from "./types.js" */
+/** @import { Camera, Cloud, Lights, Scenery } from "./types.js" */
 /** @import { Kernels } from "./kernels.js" */
 
 const RADIANS = Math.PI / 180;
@@ -49,6 +49,85 @@ export function marchedSun(sun, kernels) {
 }
 
 /**
+ * The moon as a lamp: the twin is `MoonLook` in shaders/src/cpu/light/moon.rs. Null where there is none.
+ * @param {Lights} lights
+ * @param {Kernels} kernels
+ */
+export function moonLook({ sun, moon }, kernels) {
+  if (moon === null) {
+    return null;
+  }
+  /** @param {string} name */
+  const k = (name) => kernels.constant(name);
+  const [direction, towards] = [unit(moon.direction), unit(sun)];
+  const along = direction[0] * towards[0] + direction[1] * towards[1] + direction[2] * towards[2];
+  const phase_deg = Math.acos(clamp(-along, -1, 1)) / RADIANS;
+  const fainter = k("MOON_PHASE_SLOPE") * phase_deg + k("MOON_PHASE_QUARTIC") * phase_deg ** 4;
+  const full = k("MOON_FULL_IRRADIANCE") * 10 ** (-0.4 * fainter) * (k("MOON_LAW_DISTANCE_M") / moon.distance_m) ** 2;
+  const redder = k("MAGNITUDE_LOG2") * (k("MOON_COLOUR_INDEX") - k("SUN_COLOUR_INDEX"));
+  const risen = direction[2] > k("MOON_LIGHTS_FROM");
+  const dark = clamp((k("MOON_BEAM_FROM") - towards[2]) / (k("MOON_BEAM_FROM") - k("MOON_BEAM_WHOLE")), 0, 1);
+  return {
+    direction,
+    angular_radius: k("MOON_RADIUS_M") / moon.distance_m,
+    irradiance: [full * 2 ** (k("STAR_RED_SLOPE") * redder), full, full * 2 ** -redder],
+    beam_share: risen ? dark * dark * (3 - 2 * dark) : 0,
+    lights_sky: risen && towards[2] < 0,
+  };
+}
+
+/**
+ * Towards what throws shadows: the sun, by night the moon.
+ * @param {Lights} lights
+ * @param {Kernels} kernels
+ */
+export function beamDirection(lights, kernels) {
+  const moon = moonLook(lights, kernels);
+  return moon !== null && moon.beam_share > 0 ? moon.direction : unit(lights.sun);
+}
+
+/**
+ * Rows that turn a direction of the world into the equator's frame of date: the twin is `equatorial_from_world` in server/src/moon.rs.
+ * @param {number} sidereal_deg
+ * @param {number} latitude_deg
+ */
+function equatorialFromWorld(sidereal_deg, latitude_deg) {
+  const [s, c] = [Math.sin(sidereal_deg * RADIANS), Math.cos(sidereal_deg * RADIANS)];
+  const [up, north] = [Math.sin(latitude_deg * RADIANS), Math.cos(latitude_deg * RADIANS)];
+  return [
+    [-s, -up * c, north * c],
+    [c, -up * s, north * s],
+    [0, north, up],
+  ];
+}
+
+/** Degrees that the sky of stars turns in a second. */
+const TURN_DEG_PER_S = 360.985647 / 86_400;
+
+/**
+ * Moon and stars some seconds before: turned back about the pole together, the moon's own way (half a degree an hour) left out. Without stars no latitude is known, and
+ * the moon stays.
+ * @param {Lights} lights
+ * @param {number} seconds
+ * @param {number | null} latitude_deg
+ * @returns {Lights}
+ */
+export function earlier(lights, seconds, latitude_deg) {
+  const { moon, sidereal_deg } = lights;
+  if (latitude_deg === null || sidereal_deg === null) {
+    return lights;
+  }
+  const before_deg = sidereal_deg - seconds * TURN_DEG_PER_S;
+  if (moon === null) {
+    return { ...lights, sidereal_deg: before_deg };
+  }
+  const q = equatorialFromWorld(sidereal_deg, latitude_deg).map((row) => row[0] * moon.direction[0] + row[1] * moon.direction[1] + row[2] * moon.direction[2]);
+  const back = equatorialFromWorld(before_deg, latitude_deg);
+  const direction = [0, 1, 2].map((axis) => back[0][axis] * q[0] + back[1][axis] * q[1] + back[2][axis] * q[2]);
+  return { ...lights, sidereal_deg: before_deg, moon: { ...moon, direction } };
+}
+
+/**
  * Sine of the horizon's elevation, seen from a height.
  * @param {number} height_m
  * @param {Kernels} kernels
@@ -87,16 +166,26 @@ export function cameraPlace(camera, kernels) {
  * The members of the uniform `ViewFrame`.
  * @param {Scenery} scenery
  * @param {Camera} camera
- * @param {number[]} sun towards it
+ * @param {Lights} lights
  * @param {Cloud | null} cloud
  * @param {[number, number]} size pixels
  * @param {Kernels} kernels
  */
-export function viewFrame(scenery, camera, sun, cloud, [width, height], kernels) {
+export function viewFrame(scenery, camera, lights, cloud, [width, height], kernels) {
   const given = scenery.uniforms.ViewFrame;
   const position_m = cameraPlace(camera, kernels);
-  const table = tableSun(sun, kernels);
-  const side = Math.hypot(table[0], table[1]);
+  const { sun } = lights;
+  const moon = moonLook(lights, kernels);
+  const beam = beamDirection(lights, kernels);
+  /** @param {number[]} direction */
+  const eastNorth = (direction) => {
+    const table = tableSun(direction, kernels);
+    const side = Math.hypot(table[0], table[1]);
+    return side > 1e-4 ? [table[0] / side, table[1] / side] : [1, 0];
+  };
+  const dark = unit(sun)[2] < kernels.constant("STARS_SUN_SINE");
+  const stars = dark && scenery.stars && lights.sidereal_deg !== null;
+  const equator = stars ? equatorialFromWorld(Number(lights.sidereal_deg), Number(scenery.stars?.latitude_deg)) : [[0], [0], [0]];
   const air = scenery.uniforms.Air;
   const altitude_m = Number(air.surface_altitude_m) + position_m[2];
   const molecules = Math.exp(-altitude_m / kernels.constant("RAYLEIGH_HEIGHT_M"));
@@ -112,8 +201,16 @@ export function viewFrame(scenery, camera, sun, cloud, [width, height], kernels)
     ...axes(camera),
     position_m,
     sun_direction: unit(sun),
-    marched_sun: marchedSun(unit(sun), kernels),
-    sky_sun: side > 1e-4 ? [table[0] / side, table[1] / side] : [1, 0],
+    beam_direction: beam,
+    marched_beam: marchedSun(beam, kernels),
+    sky_sun: [...eastNorth(sun), ...(moon?.lights_sky ? eastNorth(moon.direction) : [0, 0])],
+    moon_direction: moon === null ? [0, 0, 0, 0] : [...moon.direction, moon.angular_radius],
+    moon_light: moon?.irradiance ?? [0, 0, 0],
+    equator_x: equator[0],
+    equator_y: equator[1],
+    equator_z: equator[2],
+    moon_sky: moon?.lights_sky ?? false,
+    stars: Boolean(stars),
     haze_per_m: [...rayleigh, aerosol],
     detail_offset_m: [0, 1, 2].map((axis) => {
       const offset_m = start_m[axis] - (moved_m[axis] ?? 0);

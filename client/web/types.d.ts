@@ -33,6 +33,10 @@ export interface Numbers {
   divergence_max_per_s: number;
   sun_elevation_deg: number;
   sun_azimuth_deg: number;
+  moon_elevation_deg: number | null;
+  moon_azimuth_deg: number | null;
+  moon_distance_m: number | null;
+  sidereal_deg: number | null;
   health: "good" | "degraded" | "halted";
   trouble_code: string | null;
   trouble_message: string | null;
@@ -111,7 +115,16 @@ export interface ShaderStruct {
 
 /** What a world tells the kernels, as `GET /v1/worlds/{id}/scenery` gives it. */
 export interface Scenery {
-  uniforms: Record<"Air" | "SkyLightAsk" | "SunMarch" | "ViewFrame", Record<string, number | number[]>>;
+  uniforms: Record<"Air" | "SkyView" | "SkyLightAsk" | "SunMarch" | "ViewFrame", Record<string, number | number[]>>;
+  /** Absent where no stars are drawn; the words are at `/v1/worlds/{id}/stars.bin`. */
+  stars?: { latitude_deg: number; faintest_magnitude: number; years_since_2000: number } | null;
+}
+
+/** What stands in the sky: towards the sun, towards the moon and how far it is, the right ascension that culminates. */
+export interface Lights {
+  sun: number[];
+  moon: { direction: number[]; distance_m: number } | null;
+  sidereal_deg: number | null;
 }
 
 /** A cloud that is drawn: extinction at cell centres, `[z][y][x]`, 1/m. */

@@ -284,6 +284,11 @@ pub struct Effects {
     pub cloud_shadow: Option<CloudShadow>,
     /// Haze between the viewer and the cloud.
     pub aerial_perspective: Option<AerialPerspective>,
+    /// The moon: its disc, and its light on sky, cloud and ground while the sun is down. With `moon` or `stars` pictures adapt to the dark and the night sky
+    /// has its own faint light.
+    pub moon: Option<Moon>,
+    /// The stars that an eye sees, turning with the clock.
+    pub stars: Option<Stars>,
 }
 
 /// See [`Effects::flow`].
@@ -473,6 +478,29 @@ pub struct CloudShadow {}
 pub struct AerialPerspective {
     /// Horizontal visibility near the ground, m (Koschmieder, 5 % contrast is 3.0 over the extinction).
     pub visibility_m: f64,
+}
+
+/// See [`Effects::moon`]. The scene's sun lights it, so its phase follows from where both stand.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "from", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Moon {
+    /// Its place from the scene's clock, latitude and longitude.
+    Clock {},
+    /// Fixed in the sky.
+    Fixed {
+        /// Degrees above the horizon.
+        elevation_deg: f64,
+        /// Degrees clockwise from north.
+        azimuth_deg: f64,
+    },
+}
+
+/// See [`Effects::stars`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Stars {
+    /// The faintest magnitude that is drawn, -2 to 6; 6 is what an eye sees.
+    pub faintest_magnitude: f64,
 }
 
 /// Where the sun's place comes from.

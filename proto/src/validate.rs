@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use crate::camera::Camera;
 use crate::error::ApiError;
-use crate::scene::{BaseState, Effects, Methods, Pressure, Profile, ProfileLevel, SCENE_VERSION, Scene, Sun};
+use crate::scene::{BaseState, Effects, Methods, Moon, Pressure, Profile, ProfileLevel, SCENE_VERSION, Scene, Sun};
 use crate::wire::Command;
 
 mod structure;
@@ -619,6 +619,17 @@ fn effects(effects: &Effects, lid_m: f64, limits: &Limits) -> Result<(), ApiErro
             50.0,
             1e6,
         )?;
+    }
+    if let Some(Moon::Fixed {
+        elevation_deg,
+        azimuth_deg,
+    }) = effects.moon
+    {
+        range("/effects/moon/elevation_deg", elevation_deg, -90.0, 90.0)?;
+        range("/effects/moon/azimuth_deg", azimuth_deg, -720.0, 720.0)?;
+    }
+    if let Some(stars) = &effects.stars {
+        range("/effects/stars/faintest_magnitude", stars.faintest_magnitude, -2.0, 6.0)?;
     }
     Ok(())
 }

@@ -94,6 +94,20 @@ pub struct Scenery {
     /// Values of members of uniforms, by struct and member. Of `ViewFrame.detail_offset_m` the air's displacement is still to be taken away, modulo
     /// one over `detail_tiles_per_m`.
     pub uniforms: BTreeMap<String, BTreeMap<String, UniformValue>>,
+    /// Where the stars are drawn; absent where the scene has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stars: Option<SceneryStars>,
+}
+
+/// Stars over a world; their table is at `GET /v1/worlds/{id}/stars.bin` and changes only with these numbers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SceneryStars {
+    /// Degrees north: how high the pole stands.
+    pub latitude_deg: f64,
+    /// The faintest magnitude that is drawn.
+    pub faintest_magnitude: f64,
+    /// Years since 2000 that precession is taken for.
+    pub years_since_2000: f64,
 }
 
 /// The value of a member.

@@ -57,6 +57,18 @@ pub struct Numbers {
     pub sun_elevation_deg: f64,
     /// Sun's azimuth, degrees clockwise from north.
     pub sun_azimuth_deg: f64,
+    /// Moon's height above the horizon, degrees; absent where the scene has no moon.
+    #[serde(default)]
+    pub moon_elevation_deg: Option<f64>,
+    /// Moon's azimuth, degrees clockwise from north; absent where the scene has no moon.
+    #[serde(default)]
+    pub moon_azimuth_deg: Option<f64>,
+    /// Moon's distance, m; absent where the scene has no moon.
+    #[serde(default)]
+    pub moon_distance_m: Option<f64>,
+    /// Local sidereal time as an angle, degrees: the right ascension that culminates; absent where the scene has no stars.
+    #[serde(default)]
+    pub sidereal_deg: Option<f64>,
     /// What the watchdog says of the world.
     #[serde(default)]
     pub health: HealthState,

@@ -13,6 +13,7 @@ pub mod limits;
 pub mod live_sky;
 pub mod machine;
 pub mod methods;
+pub mod moon;
 pub mod parameters;
 pub mod past_sky;
 pub mod picture;

@@ -12,10 +12,11 @@ use welkin_shaders::CloudVolume;
 use welkin_shaders::cpu::light::path_tracer::Film;
 use welkin_shaders::cpu::light::phase_table::PhaseChoice;
 use welkin_shaders::cpu::view as cpu_view;
-use welkin_shaders::cpu::view::{Detail, Ground, Prepared, ViewSettings, render_watched};
+use welkin_shaders::cpu::view::{Detail, Ground, MoonPlace, Prepared, StarPlaces, ViewSettings, render_watched};
 use welkin_shaders::gpu::GpuView;
 
 use crate::machine::{Adapter, Compute, gpu_failure};
+use crate::moon;
 use crate::world::Snapshot;
 
 /// Quality of JPEG pictures, 0 to 100.
@@ -183,6 +184,7 @@ impl Renderer {
 /// What a picture of a snapshot is taken of and how: `size` is its rays.
 pub fn settings(snapshot: &Snapshot, scene: &Scene, camera: &Camera, [width, height]: [usize; 2]) -> ViewSettings {
     let effects = &scene.effects;
+    let unix_s = moon::start_unix_s(scene) + snapshot.numbers.simulated_s;
     ViewSettings {
         camera_position_m: camera.position_m.map(|c| c as f32),
         azimuth_deg: camera.azimuth_deg as f32,
@@ -205,6 +207,18 @@ pub fn settings(snapshot: &Snapshot, scene: &Scene, camera: &Camera, [width, hei
         visibility_m: effects.aerial_perspective.as_ref().map(|a| a.visibility_m as f32),
         seed: scene.seed,
         surface_altitude_m: scene.domain.surface_altitude_m as f32,
+        moon: moon::of_scene(scene, unix_s).map(|moon| MoonPlace {
+            direction: moon::direction(&moon),
+            distance_m: moon.distance_m as f32,
+        }),
+        stars: effects.stars.as_ref().map(|stars| {
+            let sidereal = moon::sidereal_rad(unix_s, scene.domain.longitude_deg);
+            StarPlaces {
+                equatorial_from_world: moon::equatorial_from_world(sidereal, scene.domain.latitude_deg),
+                years_since_2000: moon::years_since_2000(scene),
+                faintest: stars.faintest_magnitude as f32,
+            }
+        }),
     }
 }
 

@@ -40,6 +40,8 @@ pub fn effects(effects: &Effects) -> Vec<Effect> {
         (effects.multiple_scattering.is_some(), Effect::MultipleScattering),
         (effects.cloud_shadow.is_some(), Effect::CloudShadow),
         (effects.aerial_perspective.is_some(), Effect::AerialPerspective),
+        (effects.moon.is_some(), Effect::Moon),
+        (effects.stars.is_some(), Effect::Stars),
     ]
     .into_iter()
     .filter_map(|(present, effect)| present.then_some(effect))

@@ -3,23 +3,25 @@
 use std::collections::BTreeMap;
 
 use welkin_proto::view::{
-    BindingKind, Scenery, ShaderBinding, ShaderKernel, ShaderMember, ShaderModule, ShaderStruct, UniformValue,
-    ViewShaders,
+    BindingKind, Scenery, SceneryStars, ShaderBinding, ShaderKernel, ShaderMember, ShaderModule, ShaderStruct,
+    UniformValue, ViewShaders,
 };
 use welkin_proto::{ApiError, Camera};
+use welkin_shaders::cpu::light::stars::StarTable;
 use welkin_shaders::gpu::Bind;
 use welkin_shaders::gpu::view_kernels::{VIEW_KERNELS, VIEW_STRUCTS, reflect, view_constants};
-use welkin_shaders::gpu::view_stages::{Air, SkyLightAsk, SunMarch, ViewFrame};
+use welkin_shaders::gpu::view_stages::{Air, SkyLightAsk, SkyView, SunMarch, ViewFrame};
 use welkin_shaders::view::Look;
 use welkin_shaders::wgsl::{self, Layout, Literal};
 
-use crate::picture;
 use crate::world::Snapshot;
+use crate::{moon, picture};
 
 /// Members of uniforms that depend on neither camera, sun nor cloud.
 const SCENERY: &[(&str, &[&str])] = &[
     ("Air", &["surface_altitude_m", "aerosol_per_m"]),
-    ("SkyLightAsk", &["ground_albedo"]),
+    ("SkyView", &["scattered_glow", "layer_glow"]),
+    ("SkyLightAsk", &["ground_albedo", "scattered_glow", "layer_glow"]),
     ("SunMarch", &["carved"]),
     (
         "ViewFrame",
@@ -35,6 +37,7 @@ const SCENERY: &[(&str, &[&str])] = &[
             "shadow",
             "sea",
             "haze_on_cloud",
+            "night",
         ],
     ),
 ];
@@ -113,10 +116,13 @@ pub fn scenery(snapshot: &Snapshot) -> Scenery {
     let settings = picture::settings(snapshot, &snapshot.scene, &camera, [1, 1]);
     let look = Look::new(&settings, [0.0; 3]);
     let (air, frame) = (Air::new(&look.air), ViewFrame::new(&look, &settings, true, 1));
-    let ask = SkyLightAsk::new(look.table_sun, look.ground, [0.0; 2]);
-    let march = SunMarch::new(look.table_sun, look.detail.is_some());
+    let sun = look.sources().sun;
+    let view = SkyView::new(&sun, look.position_m[2]);
+    let ask = SkyLightAsk::new(&sun, look.ground, [0.0; 2]);
+    let march = SunMarch::new(look.table_beam, look.detail.is_some());
     let of = |name: &str| match name {
         "Air" => (&Air::LAYOUT, air.bytes()),
+        "SkyView" => (&SkyView::LAYOUT, view.bytes()),
         "SkyLightAsk" => (&SkyLightAsk::LAYOUT, ask.bytes()),
         "SunMarch" => (&SunMarch::LAYOUT, march.bytes()),
         _ => (&ViewFrame::LAYOUT, frame.bytes()),
@@ -127,9 +133,23 @@ pub fn scenery(snapshot: &Snapshot) -> Scenery {
         let values = members.map(|m| (m.name.to_owned(), value(&m.numbers(bytes))));
         (name.to_string(), values.collect())
     });
+    let scene = &snapshot.scene;
     Scenery {
         uniforms: uniforms.collect(),
+        stars: scene.effects.stars.as_ref().map(|stars| SceneryStars {
+            latitude_deg: scene.domain.latitude_deg,
+            faintest_magnitude: stars.faintest_magnitude,
+            years_since_2000: moon::years_since_2000(scene).into(),
+        }),
     }
+}
+
+/// The words of the table of stars over a world, little endian; none where it has no stars.
+pub fn star_words(snapshot: &Snapshot) -> Option<Vec<u8>> {
+    let scene = &snapshot.scene;
+    let stars = scene.effects.stars.as_ref()?;
+    let table = StarTable::new(stars.faintest_magnitude as f32, moon::years_since_2000(scene));
+    Some(table.words().iter().flat_map(|w| w.to_le_bytes()).collect())
 }
 
 fn value(numbers: &[f64]) -> UniformValue {

@@ -5,9 +5,9 @@ use solar_positioning::{Location, SolarPositions};
 use welkin_proto::scene::{Domain, Sun};
 
 /// Julian date of 1970-01-01T00:00Z.
-const JULIAN_DATE_OF_UNIX_EPOCH: f64 = 2_440_587.5;
+pub(crate) const JULIAN_DATE_OF_UNIX_EPOCH: f64 = 2_440_587.5;
 /// Terrestrial time less universal time in these decades, s; an hour's worth of error would move the sun by 0.04 degrees.
-const DELTA_T_S: f64 = 69.0;
+pub(crate) const DELTA_T_S: f64 = 69.0;
 
 /// Elevation and azimuth (clockwise from north), degrees.
 ///

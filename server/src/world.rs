@@ -18,7 +18,7 @@ use crate::machine::Machine;
 use crate::plan::{Plan, Timings};
 use crate::watchdog::{Bounds, Damage, Fault, HALVINGS, Mark, Trouble, Watchdog};
 use crate::weather::{Copied, FieldSet};
-use crate::{initial, parameters, sun};
+use crate::{initial, moon, parameters, sun};
 
 /// See [`World::unwatched_tick_s`].
 const UNWATCHED_TICK_S: f64 = 20.0;
@@ -876,6 +876,8 @@ impl World {
     pub fn numbers(&self) -> Numbers {
         let unix_s = self.start_unix_s + self.simulated_s;
         let [sun_elevation_deg, sun_azimuth_deg] = sun::position_deg(&self.scene.sun, &self.scene.domain, unix_s);
+        let moon = moon::of_scene(&self.scene, unix_s);
+        let stars = self.scene.effects.stars.as_ref();
         let cloud = self.cloud;
         Numbers {
             tick: self.tick,
@@ -897,6 +899,10 @@ impl World {
             divergence_max_per_s: self.vitals.divergence_max_per_s as f64,
             sun_elevation_deg,
             sun_azimuth_deg,
+            moon_elevation_deg: moon.map(|m| m.elevation_deg),
+            moon_azimuth_deg: moon.map(|m| m.azimuth_deg),
+            moon_distance_m: moon.map(|m| m.distance_m),
+            sidereal_deg: stars.map(|_| moon::sidereal_rad(unix_s, self.scene.domain.longitude_deg).to_degrees()),
             health: self.watchdog.health(),
             trouble_code: self.watchdog.trouble().map(|(_, t)| t.code.to_owned()),
             trouble_message: self.watchdog.trouble().map(|(_, t)| t.message.clone()),

@@ -216,6 +216,10 @@ pub enum Effect {
     CloudShadow,
     /// Haze.
     AerialPerspective,
+    /// The moon and its light.
+    Moon,
+    /// Stars.
+    Stars,
 }
 
 impl Effect {
@@ -236,6 +240,8 @@ impl Effect {
             Effect::MultipleScattering => "multiple_scattering",
             Effect::CloudShadow => "cloud_shadow",
             Effect::AerialPerspective => "aerial_perspective",
+            Effect::Moon => "moon",
+            Effect::Stars => "stars",
         }
     }
 }
@@ -870,6 +876,22 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         reads: &["atmosphere"],
         writes: &["radiance"],
         what: "the air between the camera and the cloud (within march)",
+        tolerance: PICTURE,
+    },
+    ViewStage {
+        name: "moon",
+        needs: &[Effect::Moon],
+        reads: &["moon_direction", "sun_direction", "air_transmittance"],
+        writes: &["sky_radiance", "sun_and_sky_on_cloud_and_ground", "radiance"],
+        what: "the moon's disc, and by night its sky and its beam in place of the sun's (within sky_table, sky_light and march)",
+        tolerance: PICTURE,
+    },
+    ViewStage {
+        name: "stars",
+        needs: &[Effect::Stars],
+        reads: &["star_catalogue", "sidereal_time", "air_transmittance"],
+        writes: &["star_table", "radiance"],
+        what: "the stars by night: a table once, then within march",
         tolerance: PICTURE,
     },
     ViewStage {

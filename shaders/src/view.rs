@@ -4,7 +4,10 @@ use glam::{DQuat, DVec3, Vec3};
 
 use crate::CloudVolume;
 use crate::cpu::light::Atmosphere;
+use crate::cpu::light::moon::MoonLook;
 use crate::cpu::light::phase::Droplets;
+use crate::cpu::light::sky_table::SkySource;
+use crate::cpu::light::stars::STARS_SUN_SINE;
 use crate::cpu::view::detail_noise::TILE_BILLOWS;
 pub use crate::cpu::view::ground::Ground;
 use crate::cpu::view::march::OCTAVES_MAX;
@@ -34,6 +37,26 @@ pub struct Detail {
     pub strength: f32,
     /// Size of the largest detail, m.
     pub scale_m: f32,
+}
+
+/// Where the moon is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MoonPlace {
+    /// Unit vector towards it: x east, y north, z up.
+    pub direction: [f32; 3],
+    /// Distance, m.
+    pub distance_m: f32,
+}
+
+/// How the sky of stars is turned, and which of them are drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StarPlaces {
+    /// Rows that turn a direction of the world into one of the equator's frame of date.
+    pub equatorial_from_world: [[f32; 3]; 3],
+    /// Years since 2000, for precession.
+    pub years_since_2000: f32,
+    /// The faintest magnitude that is drawn.
+    pub faintest: f32,
 }
 
 /// What a picture is taken of and how. Numbers that make no sense are bounded, never an error: a camera under the ground stands on it.
@@ -69,6 +92,10 @@ pub struct ViewSettings {
     pub seed: u32,
     /// Height of the ground above mean sea level, m.
     pub surface_altitude_m: f32,
+    /// The moon, if its light is wanted. With moon or stars pictures adapt to the dark.
+    pub moon: Option<MoonPlace>,
+    /// The stars, if wanted.
+    pub stars: Option<StarPlaces>,
 }
 
 /// Detail noise of a frame.
@@ -84,12 +111,21 @@ pub struct FrameDetail {
     pub offset_m: [f32; 3],
 }
 
-/// Air, sun and camera height: what the sky table depends on.
-pub type SkyKey = (Atmosphere, [f32; 3], f32);
-/// Air, ground, sun, the cloud's base and top: what the light on clouds and ground depends on.
-pub type LightKey = (Atmosphere, Ground, [f32; 3], [f32; 2]);
-/// Volume, whether carved, sun: what the cloud's optical depths depend on.
+/// Air, what lights the sky, camera height: what the sky table depends on.
+pub type SkyKey = (Atmosphere, Sources, f32);
+/// Air, ground, what lights the sky, the cloud's base and top: what the light on clouds and ground depends on.
+pub type LightKey = (Atmosphere, Ground, Sources, [f32; 2]);
+/// Volume, whether carved, where the beam comes from: what the cloud's optical depths depend on.
 pub type SunLightKey = (u64, bool, [f32; 3]);
+
+/// What lights the sky, directions as tables are made for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sources {
+    /// The sun, and the night sky's own light.
+    pub sun: SkySource,
+    /// The moon, where its light is worth a sky, and the share of its beam that is let in.
+    pub moon: Option<(SkySource, f32)>,
+}
 
 /// Settings made sense of: bounded, with what follows from them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -105,6 +141,16 @@ pub struct Look {
     /// The sun's direction that tables are made for, the nearest of directions a twentieth of a degree apart: a sun that creeps with the
     /// clock keeps them for a while. The disc and the phase functions see the sun where it is.
     pub table_sun: [f32; 3],
+    /// The moon.
+    pub moon: Option<MoonLook>,
+    /// Unit vector towards what throws shadows: the sun, by night the moon.
+    pub beam_direction: [f32; 3],
+    /// The same as tables are made for it.
+    pub table_beam: [f32; 3],
+    /// Stars, while it is dark enough for any.
+    pub stars: Option<StarPlaces>,
+    /// Whether pictures adapt to the dark.
+    pub night: bool,
     /// Factor on the exposure.
     pub exposure_gain: f32,
     /// The clear air.
@@ -127,6 +173,12 @@ impl Look {
         let sun = unit(settings.sun_direction.map(|v| finite(v, 0.0).clamp(-1e6, 1e6)));
         let fov = finite(settings.vertical_fov_deg, 60.0).clamp(0.1, 170.0).to_radians();
         let detail = settings.detail.filter(|d| d.strength > 0.0 && d.strength.is_finite());
+        let moon = settings.moon.map(|moon| {
+            let direction = unit(moon.direction.map(|v| finite(v, 0.0).clamp(-1e6, 1e6)));
+            MoonLook::new(direction, moon.distance_m, sun)
+        });
+        let by_moon = moon.filter(|m| m.beam_share > 0.0);
+        let beam_direction = by_moon.map_or(sun, |m| m.direction);
         Look {
             position_m: [
                 finite(x, 0.0).clamp(-1e6, 1e6),
@@ -136,7 +188,12 @@ impl Look {
             axes: axes(finite(settings.azimuth_deg, 0.0), finite(settings.elevation_deg, 0.0)),
             half_height: (0.5 * fov).tan(),
             sun_direction: sun,
-            table_sun: unit(sun.map(|c| (c * SUN_DIRECTIONS).round() / SUN_DIRECTIONS)),
+            table_sun: table_direction(sun),
+            moon,
+            beam_direction,
+            table_beam: table_direction(beam_direction),
+            stars: settings.stars.filter(|_| sun[2] < STARS_SUN_SINE),
+            night: settings.moon.is_some() || settings.stars.is_some(),
             exposure_gain: tone_map::exposure_gain(settings.exposure_ev),
             air: Atmosphere::new(settings.surface_altitude_m, settings.visibility_m),
             ground: settings.ground,
@@ -147,16 +204,29 @@ impl Look {
     }
     /// Key of the sky table.
     pub fn sky_key(&self) -> SkyKey {
-        (self.air, self.table_sun, self.position_m[2])
+        (self.air, self.sources(), self.position_m[2])
+    }
+    /// What lights the sky.
+    pub fn sources(&self) -> Sources {
+        let moon = self.moon.filter(|m| m.lights_sky);
+        Sources {
+            sun: SkySource::sun(self.table_sun, self.night),
+            moon: moon.map(|m| {
+                (
+                    SkySource::moon(table_direction(m.direction), m.irradiance),
+                    m.beam_share,
+                )
+            }),
+        }
     }
     /// Key of the light on clouds and ground; `slab` is the cloud's, if there is any.
     pub fn light_key(&self, slab: Option<[f32; 2]>) -> LightKey {
         let base_top = slab.map_or([0.0, 1_000.0], |[bottom_m, top_m]| [bottom_m.max(1.0), top_m]);
-        (self.air, self.ground, self.table_sun, base_top)
+        (self.air, self.ground, self.sources(), base_top)
     }
     /// Key of the optical depths of the volume with this fingerprint.
     pub fn sun_light_key(&self, volume: u64) -> SunLightKey {
-        (volume, self.detail.is_some(), self.table_sun)
+        (volume, self.detail.is_some(), self.table_beam)
     }
 }
 
@@ -186,6 +256,11 @@ fn axes(azimuth_deg: f32, elevation_deg: f32) -> [[f32; 3]; 3] {
     let azimuth = DQuat::from_rotation_z(-(azimuth_deg as f64).rem_euclid(360.0).to_radians());
     let elevation = DQuat::from_rotation_x((elevation_deg as f64).clamp(-90.0, 90.0).to_radians());
     [DVec3::X, DVec3::Z, DVec3::Y].map(|axis| (azimuth * elevation * axis).as_vec3().to_array())
+}
+
+/// The nearest of the directions that tables are made for.
+fn table_direction(direction: [f32; 3]) -> [f32; 3] {
+    unit(direction.map(|c| (c * SUN_DIRECTIONS).round() / SUN_DIRECTIONS))
 }
 
 /// The direction of `v`; straight up where it has none.

@@ -118,6 +118,24 @@ await drive(WEBGPU_ON_THE_PROCESSOR, async (browser, url, outDir) => {
   await slide(page, "#past", 0);
   await until("and the standing tick again", async () => (await save()).tick === tick);
 
+  // By night: stars, and the moon where the clock has it.
+  await command({ command: "sun", sun: { from: "fixed", elevation_deg: -20, azimuth_deg: 290 } });
+  await until("the sun is down", async () => (await numbers()).sun_elevation_deg < -19);
+  const night = await until("the night is drawn here as there", async () => {
+    const frame = await fetch(`${url}/v1/worlds/${world}/frame?format=png&width=${SIZE.width}&height=${SIZE.height}`);
+    const ours = await pixels((await save()).png);
+    const server = await pixels(Buffer.from(await frame.arrayBuffer()));
+    const off = ours.rgb.map((v, n) => Math.abs(v - server.rgb[n]));
+    const [nightMean, nightMost] = [off.reduce((sum, v) => sum + v, 0) / off.length, Math.max(...off)];
+    const light = server.rgb.reduce((sum, v) => sum + v, 0) / server.rgb.length;
+    // By day the picture is far brighter; a pixel with a star may differ by rounding of its place.
+    const brightest = Math.max(...server.rgb);
+    return { ok: nightMean < 0.1 && nightMost <= 12 && light < 60 && brightest > light + 30, nightMean, nightMost, light, brightest };
+  });
+  console.error(`figure: night drawn here against the server's: mean ${night.nightMean.toFixed(4)}, largest ${night.nightMost} of 255, mean level ${night.light.toFixed(1)}`);
+  await command({ command: "sun", sun: { from: "clock" } });
+  await until("it is day again", async () => (await numbers()).sun_elevation_deg > 0);
+
   // A camera of its own: no frame is asked of the server, and the picture follows.
   await page.locator("#sky").focus();
   for (let n = 0; n < 10; n++) {

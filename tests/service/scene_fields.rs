@@ -21,6 +21,8 @@ fn full() -> Value {
         "lower_m": [0.0, 0.0, 0.0], "upper_m": [500.0, 6400.0, 3000.0],
         "acceleration_m_s2": [0.01, 0.0, 0.0], "drag_per_s": 0.001
     });
+    scene["effects"]["moon"] = json!({ "from": "fixed", "elevation_deg": 30.0, "azimuth_deg": 200.0 });
+    scene["effects"]["stars"] = json!({ "faintest_magnitude": 5.5 });
     scene["sun"] = json!({ "from": "fixed", "elevation_deg": 45.0, "azimuth_deg": 120.0 });
     scene
 }
@@ -321,6 +323,9 @@ fn every_number_has_a_range() {
             json!(1e9),
             "50 to 1000000",
         ),
+        ("/effects/moon/elevation_deg", json!(-91.0), json!(91.0), "-90 to 90"),
+        ("/effects/moon/azimuth_deg", json!(-721.0), json!(721.0), "-720 to 720"),
+        ("/effects/stars/faintest_magnitude", json!(-2.1), json!(6.1), "-2 to 6"),
         ("/sun/elevation_deg", json!(-91.0), json!(91.0), "-90 to 90"),
         ("/sun/azimuth_deg", json!(-721.0), json!(721.0), "-720 to 720"),
         ("/camera/position_m/0", json!(-2e6), json!(2e6), "-1000000 to 1000000"),

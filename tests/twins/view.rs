@@ -20,14 +20,14 @@ use welkin_shaders::catalogue::{VIEW_STAGES, Within};
 use welkin_shaders::cpu::light::Atmosphere;
 use welkin_shaders::cpu::light::multiple_scattering_table::MultipleScatteringTable;
 use welkin_shaders::cpu::light::sky_light::SkyLight;
-use welkin_shaders::cpu::light::sky_table::SkyTable;
+use welkin_shaders::cpu::light::sky_table::{SkySource, SkyTable};
 use welkin_shaders::cpu::light::sky_visibility::sky_visibility;
 use welkin_shaders::cpu::light::sun_optical_depth::SunLight;
 use welkin_shaders::cpu::light::transmittance_table::TransmittanceTable;
 use welkin_shaders::cpu::view::detail_noise::DetailNoise;
 use welkin_shaders::cpu::view::occupancy::Occupancy;
 use welkin_shaders::cpu::view::shape::Shape;
-use welkin_shaders::cpu::view::{Detail, Ground, Prepared, ViewSettings, render};
+use welkin_shaders::cpu::view::{Detail, Ground, MoonPlace, Prepared, StarPlaces, ViewSettings, render};
 use welkin_shaders::gpu::view_stages::{Air, ShapeGrid, SkyLightAsk, SkyView, SunMarch, ViewStages};
 use welkin_shaders::gpu::{Context, GpuError, GpuView};
 use welkin_shaders::view::Slab;
@@ -168,9 +168,10 @@ fn sky_table(bench: &mut Bench) -> Vec<Pair> {
         .into_iter()
         .map(|height_m| {
             let sun = bench.sun();
-            let cpu = SkyTable::new(&air, &transmittance, &multiple, sun, height_m);
+            let source = SkySource::sun(sun, height_m > 100.0);
+            let cpu = SkyTable::new(&air, &transmittance, &multiple, &source, height_m);
             let table = bench.poisoned(ViewStages::SKY_BYTES);
-            let (air, view) = (bench.uniform(&Air::new(&air)), SkyView::new(sun, height_m));
+            let (air, view) = (bench.uniform(&Air::new(&air)), SkyView::new(&source, height_m));
             bench
                 .stages
                 .sky_table(&air, &view, &inputs[0], &inputs[1], &table)
@@ -193,17 +194,23 @@ fn sky_light(bench: &mut Bench) -> Vec<Pair> {
         .map(|ground| {
             let sun = bench.sun();
             let base_top_m = [bench.between(100.0, 900.0), bench.between(1_000.0, 9_000.0)];
-            let cpu = SkyLight::new(&air, &transmittance, &multiple, ground.albedo(), sun, base_top_m);
+            let source = SkySource::sun(sun, ground == Ground::Sea);
+            let moon = SkySource::moon(bench.sun(), [2.9e-6, 2.5e-6, 2e-6]);
+            let share = [0.0, 0.7][usize::from(ground == Ground::Sea)];
+            let of = |source| SkyLight::new(&air, &transmittance, &multiple, ground.albedo(), source, base_top_m);
+            let cpu = of(&source).with_moon(&of(&moon), share, ground.albedo(), moon.direction[2]);
             let values = bench.stages.sky_light_buffer().unwrap();
             bench.poison(&values);
-            let (air, ask) = (
-                bench.uniform(&Air::new(&air)),
-                SkyLightAsk::new(sun, ground, base_top_m),
-            );
-            bench
-                .stages
-                .sky_light(&air, &ask, &inputs[0], &inputs[1], &values)
-                .unwrap();
+            let air = bench.uniform(&Air::new(&air));
+            for ask in [
+                SkyLightAsk::new(&source, ground, base_top_m),
+                SkyLightAsk::moon(&moon, share, ground, base_top_m),
+            ] {
+                bench
+                    .stages
+                    .sky_light(&air, &ask, &inputs[0], &inputs[1], &values)
+                    .unwrap();
+            }
             let all = [
                 cpu.sun_at_base,
                 cpu.sun_at_top,
@@ -541,6 +548,58 @@ fn tone_map(bench: &mut Bench) -> Vec<Pair> {
     pictures(bench, None, &views)
 }
 
+fn by_night(change: impl FnOnce(&mut ViewSettings)) -> ViewSettings {
+    changed(|v| {
+        v.sun_direction = sun(-25.0, 200.0);
+        change(v);
+    })
+}
+
+fn moon(bench: &mut Bench) -> Vec<Pair> {
+    let place = |elevation, azimuth| {
+        Some(MoonPlace {
+            direction: sun(elevation, azimuth),
+            distance_m: 370_000_000.0,
+        })
+    };
+    let views = [
+        ("moonlight", by_night(|v| v.moon = place(35.0, 120.0))),
+        (
+            "the moon's disc",
+            by_night(|v| {
+                v.moon = place(20.0, 2.0);
+                v.vertical_fov_deg = 2.0;
+                v.azimuth_deg = 2.0;
+                v.elevation_deg = 20.0;
+            }),
+        ),
+        (
+            "the moon at dusk over the sea",
+            by_night(|v| {
+                v.sun_direction = sun(-5.0, 270.0);
+                v.moon = place(8.0, 10.0);
+                v.ground = Ground::Sea;
+            }),
+        ),
+        ("the moon by day", changed(|v| v.moon = place(20.0, 350.0))),
+    ];
+    pictures(bench, Some(&cumulus_field(9, 10)), &views)
+}
+
+fn stars(bench: &mut Bench) -> Vec<Pair> {
+    let turned = |years_since_2000, faintest| {
+        by_night(|v| {
+            v.stars = Some(StarPlaces {
+                equatorial_from_world: [[0.36, -0.64, 0.68], [-0.48, 0.48, 0.735], [-0.8, -0.6, 0.0]],
+                years_since_2000,
+                faintest,
+            });
+        })
+    };
+    let views = [("stars", turned(26.0, 6.0)), ("few stars", turned(-40.0, 3.0))];
+    pictures(bench, Some(&cumulus_field(9, 4)), &views)
+}
+
 type Case = (&'static str, fn(&mut Bench) -> Vec<Pair>);
 
 const CASES: &[Case] = &[
@@ -559,6 +618,8 @@ const CASES: &[Case] = &[
     ("ground:shadow", ground_shadow),
     ("haze", haze),
     ("tone_map", tone_map),
+    ("moon", moon),
+    ("stars", stars),
 ];
 
 #[test]
@@ -647,6 +708,19 @@ fn what_a_gpu_view_keeps_changes_no_byte() {
     let mut wide = settings(72, 40);
     wide.detail = None;
     wide.ground = Ground::Sea;
+    let mut moonlit = small;
+    moonlit.sun_direction = sun(-20.0, 40.0);
+    moonlit.stars = Some(StarPlaces {
+        equatorial_from_world: [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]],
+        years_since_2000: 26.0,
+        faintest: 5.0,
+    });
+    moonlit.moon = Some(MoonPlace {
+        direction: sun(30.0, 90.0),
+        distance_m: 380_000_000.0,
+    });
+    let mut moonless = moonlit;
+    moonless.moon = None;
     let series = [
         (Some(&thick), small),
         (Some(&field), small),
@@ -654,6 +728,8 @@ fn what_a_gpu_view_keeps_changes_no_byte() {
         (Some(&thick), wide),
         (None, small),
         (Some(&thick), dusty),
+        (Some(&field), moonlit),
+        (Some(&field), moonless),
         (Some(&field), small),
     ];
     let mut kept = GpuView::new(stages.clone()).unwrap();

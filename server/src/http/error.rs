@@ -18,9 +18,8 @@ impl From<ApiError> for Refusal {
 /// The HTTP status of an error code; 400 for the many that blame the request.
 pub fn status_of(code: &str) -> StatusCode {
     match code {
-        "not_found" | "unknown_world" | "unknown_scene" | "not_yet" | "tick_not_kept" | "weather_not_kept" => {
-            StatusCode::NOT_FOUND
-        }
+        "not_found" | "no_stars" | "unknown_world" | "unknown_scene" | "not_yet" | "tick_not_kept"
+        | "weather_not_kept" => StatusCode::NOT_FOUND,
         "foreign_origin" => StatusCode::FORBIDDEN,
         "method_not_allowed" => StatusCode::METHOD_NOT_ALLOWED,
         "world_stopped" | "too_old" => StatusCode::GONE,

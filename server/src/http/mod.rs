@@ -32,6 +32,7 @@ mod world_past;
 mod world_past_bin;
 mod world_plan;
 mod world_scenery;
+mod world_stars;
 mod world_state;
 mod world_stream;
 mod world_volume;
@@ -82,6 +83,7 @@ pub fn routes() -> Vec<Route> {
         world_delete::route(),
         world_plan::route(),
         world_scenery::route(),
+        world_stars::route(),
         view_shaders::route(),
         world_frame::route(),
         world_frame_mjpeg::route(),

@@ -86,6 +86,8 @@ modules! {
     "shared/spline" constants [] structs [];
     "shared/detail" constants [view_twins::detail_noise::WGSL] structs [];
     "shared/sky_look" constants [light::sky_table::WGSL] structs [ViewFrame::LAYOUT];
+    "shared/stars" constants [light::stars::WGSL] structs [];
+    "shared/moon" constants [light::moon::WGSL] structs [];
     "light/transmittance_table" constants [light::transmittance_table::WGSL] structs [];
     "light/multiple_scattering_table" constants [light::multiple_scattering_table::WGSL] structs [];
     "light/sky_table" constants [] structs [SkyView::LAYOUT];

@@ -9,6 +9,7 @@ use super::view_stages::{Air, ShapeGrid, SkyLightAsk, SkyView, SunMarch, ViewFra
 use super::{Context, GpuError};
 use crate::CloudVolume;
 use crate::cpu::light::sky_table::{horizon_sine, sun_azimuth};
+use crate::cpu::light::stars::StarTable;
 use crate::cpu::light::sun_optical_depth::marched_direction;
 use crate::cpu::view::haze::Haze;
 use crate::view::{Ground, LightKey, Look, SkyKey, Slab, SunLightKey, ViewSettings, fingerprint};
@@ -63,6 +64,7 @@ pub struct GpuView {
     air: Option<(crate::cpu::light::Atmosphere, AirTables)>,
     sky: Option<(SkyKey, wgpu::Buffer)>,
     light: Option<(LightKey, wgpu::Buffer)>,
+    stars: Option<([f32; 2], wgpu::Buffer)>,
     buffers: CloudBuffers,
     shape: Option<(u64, Option<Cloud>)>,
     sun_light: Option<(SunLightKey, CloudLight)>,
@@ -89,6 +91,7 @@ impl GpuView {
             air: None,
             sky: None,
             light: None,
+            stars: None,
             buffers: CloudBuffers::default(),
             shape: None,
             sun_light: None,
@@ -130,6 +133,7 @@ impl GpuView {
         let key = volume.map_or(0, fingerprint);
         self.prepare_shape(key, volume, after)?;
         self.prepare_sky(&look, after)?;
+        self.prepare_stars(&look, after)?;
         self.prepare_light(&look, after)?;
         self.prepare_sun_light(&look, key, after)?;
         let picture = self.march(&look, settings)?;
@@ -178,12 +182,33 @@ impl GpuView {
             Some((_, table)) => table,
             None => self.context.storage("the sky table", ViewStages::SKY_BYTES)?,
         };
-        let view = SkyView::new(look.table_sun, look.position_m[2]);
-        self.stages
-            .sky_table(&air.air, &view, &air.transmittance, &air.multiple, &table)?;
+        let sources = look.sources();
+        let mut views = vec![SkyView::new(&sources.sun, look.position_m[2])];
+        if let Some((moon, _)) = &sources.moon {
+            views.push(SkyView {
+                first_texel: ViewStages::SKY_TEXELS as u32,
+                ..SkyView::new(moon, look.position_m[2])
+            });
+        }
+        for view in &views {
+            self.stages
+                .sky_table(&air.air, view, &air.transmittance, &air.multiple, &table)?;
+        }
         self.context.wait()?;
         self.sky = Some((key, table));
         after("sky_table");
+        Ok(())
+    }
+
+    fn prepare_stars(&mut self, look: &Look, after: &mut dyn FnMut(&'static str)) -> Result<(), GpuError> {
+        let Some(places) = look.stars else { return Ok(()) };
+        let key = [places.faintest, places.years_since_2000];
+        if self.stars.as_ref().is_none_or(|(k, _)| *k != key) {
+            let table = StarTable::new(places.faintest, places.years_since_2000);
+            let words = self.context.uniform("the stars", bytemuck::cast_slice(table.words()))?;
+            self.stars = Some((key, words));
+            after("stars");
+        }
         Ok(())
     }
 
@@ -198,9 +223,15 @@ impl GpuView {
             None => self.stages.sky_light_buffer()?,
         };
         let (.., base_top_m) = key;
-        let ask = SkyLightAsk::new(look.table_sun, look.ground, base_top_m);
-        self.stages
-            .sky_light(&air.air, &ask, &air.transmittance, &air.multiple, &values)?;
+        let sources = look.sources();
+        let mut asks = vec![SkyLightAsk::new(&sources.sun, look.ground, base_top_m)];
+        if let Some((moon, beam_share)) = &sources.moon {
+            asks.push(SkyLightAsk::moon(moon, *beam_share, look.ground, base_top_m));
+        }
+        for ask in &asks {
+            self.stages
+                .sky_light(&air.air, ask, &air.transmittance, &air.multiple, &values)?;
+        }
         self.context.wait()?;
         self.light = Some((key, values));
         after("sky_light");
@@ -283,7 +314,7 @@ impl GpuView {
             )?,
             shadow: fit(context, &mut buffers.shadow, "the shadow map", grid.shadow_bytes())?,
         };
-        let march = SunMarch::new(look.table_sun, look.detail.is_some());
+        let march = SunMarch::new(look.table_beam, look.detail.is_some());
         self.stages.sun_optical_depth(
             grid,
             &cloud.uniform,
@@ -331,6 +362,7 @@ impl GpuView {
             shadow,
             noise,
             &picture,
+            self.stars.as_ref().map_or(&self.stages.no_stars, |(_, words)| words),
         ]);
         let band = (BAND_PIXELS / width).next_multiple_of(8).max(8);
         for first_row in (0..height).step_by(band) {
@@ -374,6 +406,10 @@ impl ViewFrame {
         let haze = Haze::new(&look.air, look.position_m[2]);
         let [right, up, ahead] = look.axes;
         let [east, north] = sun_azimuth(look.table_sun);
+        let moon_sky = look.sources().moon;
+        let [moon_east, moon_north] = moon_sky.map_or([0.0; 2], |(moon, _)| sun_azimuth(moon.direction));
+        let moon = look.moon;
+        let equator = look.stars.map_or([[0.0; 3]; 3], |s| s.equatorial_from_world);
         let detail = look.detail;
         ViewFrame {
             position_m: wide(look.position_m, 0.0),
@@ -381,8 +417,14 @@ impl ViewFrame {
             up: wide(up, 0.0),
             ahead: wide(ahead, 0.0),
             sun_direction: wide(look.sun_direction, 0.0),
-            marched_sun: wide(marched_direction(look.sun_direction), 0.0),
-            sky_sun: [east, north, 0.0, 0.0],
+            beam_direction: wide(look.beam_direction, 0.0),
+            marched_beam: wide(marched_direction(look.beam_direction), 0.0),
+            sky_sun: [east, north, moon_east, moon_north],
+            moon_direction: moon.map_or([0.0; 4], |m| wide(m.direction, m.angular_radius)),
+            moon_light: wide(moon.map_or([0.0; 3], |m| m.irradiance), 0.0),
+            equator_x: wide(equator[0], 0.0),
+            equator_y: wide(equator[1], 0.0),
+            equator_z: wide(equator[2], 0.0),
             haze_per_m: wide(haze.rayleigh_per_m, haze.aerosol_per_m),
             droplets: [
                 look.droplets.g_peak,
@@ -408,7 +450,10 @@ impl ViewFrame {
             shadow: (cloud && settings.cloud_shadow) as u32,
             sea: (look.ground == Ground::Sea) as u32,
             haze_on_cloud: settings.visibility_m.is_some() as u32,
-            unused_0: 0,
+            night: look.night as u32,
+            moon_sky: moon_sky.is_some() as u32,
+            stars: look.stars.is_some() as u32,
+            ..Default::default()
         }
     }
 }

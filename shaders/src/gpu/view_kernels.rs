@@ -25,7 +25,7 @@ const OCCUPANCY: &[Bind] = &[Uniform, Read, Write, Write, Write];
 const SUN: &[Bind] = &[Uniform, Uniform, Read, Read, Read, Read, Write, Write];
 const NOISE: &[Bind] = &[Write, Write, Write];
 const MARCH: &[Bind] = &[
-    Uniform, Uniform, Uniform, Read, Read, Read, Read, Read, Read, Read, Write,
+    Uniform, Uniform, Uniform, Read, Read, Read, Read, Read, Read, Read, Write, Uniform,
 ];
 
 macro_rules! kernels {

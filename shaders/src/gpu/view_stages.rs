@@ -8,8 +8,9 @@ use super::view_kernels::view_kernel;
 use super::{Context, GpuError, Kernel};
 use crate::cpu::light::Atmosphere;
 use crate::cpu::light::multiple_scattering_table::{MULTIPLE_HEIGHTS, MULTIPLE_SUNS};
-use crate::cpu::light::sky_table::{SKY_COLUMNS, SKY_HALF_ROWS, horizon_sine};
+use crate::cpu::light::sky_table::{SKY_COLUMNS, SKY_HALF_ROWS, SkySource, horizon_sine};
 use crate::cpu::light::sky_visibility::slanted_path;
+use crate::cpu::light::stars::STAR_WORDS;
 use crate::cpu::light::sun_optical_depth::marched_direction;
 use crate::cpu::light::transmittance_table::{TRANSMITTANCE_DIRECTIONS, TRANSMITTANCE_HEIGHTS};
 use crate::cpu::view::detail_noise::TILE_POINTS;
@@ -37,41 +38,53 @@ crate::gpu_struct! {
 crate::gpu_struct! {
     /// What the sky table is told.
     pub struct SkyView {
-        /// Towards the sun.
-        pub sun_direction: [f32; 4],
+        /// Towards sun or moon.
+        pub direction: [f32; 4],
+        /// Its irradiance over the sun's.
+        pub strength: [f32; 4],
+        /// Even light that the air scatters besides.
+        pub scattered_glow: [f32; 4],
+        /// Light of the layer above the air.
+        pub layer_glow: [f32; 4],
         /// Sine of the horizon's elevation.
         pub horizon_sine: f32,
         /// The camera's height, m.
         pub height_m: f32,
+        /// Where its part of the table begins.
+        pub first_texel: u32,
         /// Fills 16 bytes.
         pub unused_0: f32,
-        /// Fills 16 bytes.
-        pub unused_1: f32,
     }
 }
 
 crate::gpu_struct! {
     /// What the light on clouds and ground is told.
     pub struct SkyLightAsk {
-        /// Towards the sun.
-        pub sun_direction: [f32; 4],
+        /// Towards sun or moon.
+        pub direction: [f32; 4],
+        /// Its irradiance over the sun's.
+        pub strength: [f32; 4],
+        /// Even light that the air scatters besides.
+        pub scattered_glow: [f32; 4],
+        /// Light of the layer above the air.
+        pub layer_glow: [f32; 4],
         /// Share of light that the ground gives back.
         pub ground_albedo: [f32; 4],
         /// The clouds' base, m.
         pub base_m: f32,
         /// Their top, m.
         pub top_m: f32,
-        /// Fills 16 bytes.
-        pub unused_0: f32,
-        /// Fills 16 bytes.
-        pub unused_1: f32,
+        /// Share of the moon's beam that is let in.
+        pub beam_share: f32,
+        /// Whether it is added to what is there: the moon's light to the sun's.
+        pub adds: u32,
     }
 }
 
 crate::gpu_struct! {
     /// Light for clouds and ground, the fields of the twin's `SkyLight`; fourth numbers are 0.
     pub struct SkyLightValues {
-        /// The sun's irradiance across its beam at the clouds' base.
+        /// Irradiance of the sun, or by night of the moon, across its beam at the clouds' base.
         pub sun_at_base: [f32; 4],
         /// The same at the clouds' top.
         pub sun_at_top: [f32; 4],
@@ -191,10 +204,22 @@ crate::gpu_struct! {
         pub ahead: [f32; 4],
         /// Towards the sun.
         pub sun_direction: [f32; 4],
-        /// Towards the sun, never too low to march to.
-        pub marched_sun: [f32; 4],
-        /// East and north of the sun that the sky table is made for.
+        /// Towards what throws shadows: the sun, by night the moon.
+        pub beam_direction: [f32; 4],
+        /// The same, never too low to march to.
+        pub marched_beam: [f32; 4],
+        /// East and north of the sun that the sky table is made for, then of the moon.
         pub sky_sun: [f32; 4],
+        /// Towards the moon, and its angular radius; 0 where there is none.
+        pub moon_direction: [f32; 4],
+        /// Its irradiance over the sun's.
+        pub moon_light: [f32; 4],
+        /// Rows that turn a direction of the world into the equator's frame of date.
+        pub equator_x: [f32; 4],
+        /// See `equator_x`.
+        pub equator_y: [f32; 4],
+        /// See `equator_x`.
+        pub equator_z: [f32; 4],
         /// Scattering by molecules at the camera, and extinction by aerosol, 1/m.
         pub haze_per_m: [f32; 4],
         /// Asymmetry of the peak and of the rest, Draine's parameter, weight of the rest.
@@ -235,8 +260,16 @@ crate::gpu_struct! {
         pub sea: u32,
         /// Whether haze lies between camera and cloud.
         pub haze_on_cloud: u32,
+        /// Whether pictures adapt to the dark.
+        pub night: u32,
+        /// Whether the sky table has the moon's part.
+        pub moon_sky: u32,
+        /// Whether stars are drawn.
+        pub stars: u32,
         /// Fills 16 bytes.
         pub unused_0: u32,
+        /// Fills 16 bytes.
+        pub unused_1: u32,
     }
 }
 
@@ -252,10 +285,13 @@ impl Air {
 }
 
 impl SkyView {
-    /// For a sun and a camera's height in m.
-    pub fn new(sun: [f32; 3], height_m: f32) -> SkyView {
+    /// For a source and a camera's height in m; `first_texel` is 0.
+    pub fn new(source: &SkySource, height_m: f32) -> SkyView {
         SkyView {
-            sun_direction: [sun[0], sun[1], sun[2], 0.0],
+            direction: padded(source.direction),
+            strength: padded(source.strength),
+            scattered_glow: padded(source.scattered_glow),
+            layer_glow: padded(source.layer_glow),
             horizon_sine: horizon_sine(height_m),
             height_m,
             ..Default::default()
@@ -264,17 +300,31 @@ impl SkyView {
 }
 
 impl SkyLightAsk {
-    /// For a sun, a ground, and the clouds' base and top in m.
-    pub fn new(sun: [f32; 3], ground: Ground, base_top_m: [f32; 2]) -> SkyLightAsk {
-        let [r, g, b] = ground.albedo();
+    /// For a source, a ground, and the clouds' base and top in m.
+    pub fn new(source: &SkySource, ground: Ground, base_top_m: [f32; 2]) -> SkyLightAsk {
         SkyLightAsk {
-            sun_direction: [sun[0], sun[1], sun[2], 0.0],
-            ground_albedo: [r, g, b, 0.0],
+            direction: padded(source.direction),
+            strength: padded(source.strength),
+            scattered_glow: padded(source.scattered_glow),
+            layer_glow: padded(source.layer_glow),
+            ground_albedo: padded(ground.albedo()),
             base_m: base_top_m[0],
             top_m: base_top_m[1],
             ..Default::default()
         }
     }
+    /// For the moon, whose light is added to the sun's.
+    pub fn moon(moon: &SkySource, beam_share: f32, ground: Ground, base_top_m: [f32; 2]) -> SkyLightAsk {
+        SkyLightAsk {
+            beam_share,
+            adds: 1,
+            ..SkyLightAsk::new(moon, ground, base_top_m)
+        }
+    }
+}
+
+fn padded([x, y, z]: [f32; 3]) -> [f32; 4] {
+    [x, y, z, 0.0]
 }
 
 impl SunMarch {
@@ -359,6 +409,8 @@ pub struct ViewStages {
     march: Kernel,
     /// The grid of no cloud.
     pub no_cloud: wgpu::Buffer,
+    /// A table of no stars.
+    pub no_stars: wgpu::Buffer,
 }
 
 impl ViewStages {
@@ -366,8 +418,10 @@ impl ViewStages {
     pub const TRANSMITTANCE_BYTES: u64 = (TRANSMITTANCE_HEIGHTS * TRANSMITTANCE_DIRECTIONS * 16) as u64;
     /// Bytes of the multiple scattering table, `[height][sun]`, four numbers a texel.
     pub const MULTIPLE_BYTES: u64 = (MULTIPLE_HEIGHTS * MULTIPLE_SUNS * 16) as u64;
-    /// Bytes of the sky table, `[row][column]`, four numbers a texel.
-    pub const SKY_BYTES: u64 = (2 * SKY_HALF_ROWS * SKY_COLUMNS * 16) as u64;
+    /// Texels of the sky table by one source.
+    pub const SKY_TEXELS: usize = 2 * SKY_HALF_ROWS * SKY_COLUMNS;
+    /// Bytes of the sky table, `[sun, moon][row][column]`, four numbers a texel.
+    pub const SKY_BYTES: u64 = (2 * Self::SKY_TEXELS * 16) as u64;
     /// Bytes of the detail tile.
     pub const DETAIL_BYTES: u64 = (TILE_POINTS * TILE_POINTS * TILE_POINTS * 4) as u64;
 
@@ -396,6 +450,7 @@ impl ViewStages {
             noise: [kernel("noise_values")?, kernel("noise_spread")?, kernel("noise_pack")?],
             march: kernel("march")?,
             no_cloud: c.uniform("no cloud", bytemuck::bytes_of(&ShapeGrid::default()))?,
+            no_stars: c.uniform("no stars", &[0; 4 * STAR_WORDS])?,
             context,
         })
     }
@@ -447,7 +502,7 @@ impl ViewStages {
         multiple: &wgpu::Buffer,
         table: &wgpu::Buffer,
     ) -> Result<(), GpuError> {
-        let texels = (2 * SKY_HALF_ROWS * SKY_COLUMNS) as u32;
+        let texels = Self::SKY_TEXELS as u32;
         let view = self.context.uniform("the view of the sky", bytemuck::bytes_of(view))?;
         self.submit(|pass| {
             let buffers = [air, &view, transmittance, multiple, table];
@@ -615,7 +670,7 @@ impl ViewStages {
     }
 
     /// Binds the buffers of `view/march` in its order.
-    pub fn bind_march(&self, buffers: &[&wgpu::Buffer; 11]) -> wgpu::BindGroup {
+    pub fn bind_march(&self, buffers: &[&wgpu::Buffer; 12]) -> wgpu::BindGroup {
         self.march.bind(&self.context, buffers)
     }
 

@@ -1,5 +1,5 @@
 //! use shared/sky_radiance
-// Stage `sky_light`: one workgroup, an invocation a direction.
+// Stage `sky_light`: one workgroup, an invocation a direction; with `adds` the moon's light is added to what the sun has left.
 
 const LOOKS = SKY_LIGHT_RINGS * SKY_LIGHT_AROUND;
 
@@ -17,7 +17,8 @@ fn sky_light(@builtin(local_invocation_index) n: u32) {
     let azimuth = (f32(n % SKY_LIGHT_AROUND) + 0.5) / f32(SKY_LIGHT_AROUND) * 2.0 * PI;
     let side = sqrt(1.0 - sine * sine);
     let direction = vec3<f32>(side * cos(azimuth), side * sin(azimuth), sine);
-    looks[n] = sky_radiance(air, SKY_LIGHT_HEIGHT_M, direction, ask.sun_direction.xyz, false);
+    let source = SkySource(ask.direction.xyz, ask.strength.rgb, ask.scattered_glow.rgb, ask.layer_glow.rgb);
+    looks[n] = sky_radiance(air, SKY_LIGHT_HEIGHT_M, direction, source, false);
     workgroupBarrier();
     if (n != 0u) {
         return;
@@ -30,11 +31,30 @@ fn sky_light(@builtin(local_invocation_index) n: u32) {
     }
     mean /= f32(LOOKS);
     irradiance /= f32(LOOKS);
-    let mu = ask.sun_direction.z;
-    let at_ground = transmittance_of_sun(1.0, mu);
+    let mu = ask.direction.z;
+    let strength = ask.strength.rgb;
+    let at_base = transmittance_of_sun(ask.base_m, mu) * strength;
+    let at_top = transmittance_of_sun(ask.top_m, mu) * strength;
+    let at_ground = transmittance_of_sun(1.0, mu) * strength;
+    if (ask.adds != 0u) {
+        irradiance += light[0].sky_irradiance.rgb;
+        light[0].sky_radiance += vec4<f32>(mean, 0.0);
+        if (ask.beam_share > 0.0) {
+            let beam = at_ground * ask.beam_share;
+            light[0].sun_at_base = vec4<f32>(at_base * ask.beam_share, 0.0);
+            light[0].sun_at_top = vec4<f32>(at_top * ask.beam_share, 0.0);
+            light[0].sun_at_ground = vec4<f32>(beam, 0.0);
+            light[0].ground_radiance = vec4<f32>(ask.ground_albedo.rgb / PI * (beam * max(mu, 0.0) + irradiance), 0.0);
+        } else {
+            let own = irradiance - light[0].sky_irradiance.rgb;
+            light[0].ground_radiance += vec4<f32>(ask.ground_albedo.rgb / PI * (at_ground * max(mu, 0.0) + own), 0.0);
+        }
+        light[0].sky_irradiance = vec4<f32>(irradiance, 0.0);
+        return;
+    }
     let from_ground = ask.ground_albedo.rgb / PI * (at_ground * max(mu, 0.0) + irradiance);
-    light[0].sun_at_base = vec4<f32>(transmittance_of_sun(ask.base_m, mu), 0.0);
-    light[0].sun_at_top = vec4<f32>(transmittance_of_sun(ask.top_m, mu), 0.0);
+    light[0].sun_at_base = vec4<f32>(at_base, 0.0);
+    light[0].sun_at_top = vec4<f32>(at_top, 0.0);
     light[0].sun_at_ground = vec4<f32>(at_ground, 0.0);
     light[0].sky_radiance = vec4<f32>(mean, 0.0);
     light[0].sky_irradiance = vec4<f32>(irradiance, 0.0);

@@ -1,5 +1,5 @@
 //! use shared/sky_radiance
-// Stage `sky_table`: one texel an invocation.
+// Stage `sky_table`: one texel an invocation; the moon's stand behind the sun's.
 
 @group(0) @binding(0) var<uniform> air: Air;
 @group(0) @binding(1) var<uniform> view: SkyView;
@@ -22,7 +22,8 @@ fn sky(@builtin(global_invocation_id) id: vec3<u32>) {
     let side = sqrt(max(1.0 - sine * sine, 0.0));
     let cosine = 1.0 - 2.0 * x * x;
     let direction = vec3<f32>(side * cosine, side * sqrt(max(1.0 - cosine * cosine, 0.0)), sine);
-    // Azimuths are counted from the sun's.
-    let sun = vec3<f32>(length(view.sun_direction.xy), 0.0, view.sun_direction.z);
-    table[n] = vec4<f32>(sky_radiance(air, view.height_m, direction, sun, below), 0.0);
+    // Azimuths are counted from the source's.
+    let turned = vec3<f32>(length(view.direction.xy), 0.0, view.direction.z);
+    let source = SkySource(turned, view.strength.rgb, view.scattered_glow.rgb, view.layer_glow.rgb);
+    table[n + view.first_texel] = vec4<f32>(sky_radiance(air, view.height_m, direction, source, below), 0.0);
 }

@@ -18,9 +18,18 @@ fn multiple_scattering_at(height_m: f32, mu: f32) -> vec3<f32> {
     return mix(low, high, y - f32(j));
 }
 
-/// Radiance per unit of sun irradiance from a height, light from the ground left out. `to_ground`: the ray ends at the
+/// What lights a sky.
+struct SkySource {
+    direction: vec3<f32>,
+    strength: vec3<f32>,
+    scattered_glow: vec3<f32>,
+    layer_glow: vec3<f32>,
+}
+
+/// Radiance over the sun's irradiance from a height, light from the ground left out. `to_ground`: the ray ends at the
 /// ground, or at the horizon if it just misses.
-fn sky_radiance(air: Air, height_m: f32, direction: vec3<f32>, sun: vec3<f32>, to_ground: bool) -> vec3<f32> {
+fn sky_radiance(air: Air, height_m: f32, direction: vec3<f32>, source: SkySource, to_ground: bool) -> vec3<f32> {
+    let sun = source.direction;
     let mu = direction.z;
     var whole = distance_to_shell_m(height_m, mu, AIR_DEPTH_M);
     if (to_ground) {
@@ -33,21 +42,26 @@ fn sky_radiance(air: Air, height_m: f32, direction: vec3<f32>, sun: vec3<f32>, t
     var light = vec3<f32>(0.0);
     var through = vec3<f32>(1.0);
     var before = 0.0;
-    for (var s = 0u; s < SKY_STEPS; s++) {
-        let f = f32(s + 1u) / f32(SKY_STEPS);
+    let steps = select(SKY_STEPS, SKY_STEPS_DUSK, sun.z < 0.0);
+    for (var s = 0u; s < steps; s++) {
+        let f = f32(s + 1u) / f32(steps);
         let after = whole * f * f;
         let at = 0.5 * (before + after);
         let h = max(height_along_m(height_m, mu, at), 0.0);
         let local_mu = local_sun_cosine(height_m, direction, sun, at, h);
         let c = coefficients_at(air, h);
         let lit = transmittance_of_sun(h, local_mu);
-        let higher = multiple_scattering_at(h, local_mu) + AIRGLOW;
-        let source = lit * (c.rayleigh_per_m * molecules + c.aerosol_per_m * aerosol)
+        let higher = multiple_scattering_at(h, local_mu) + source.scattered_glow;
+        let lit_up = lit * (c.rayleigh_per_m * molecules + c.aerosol_per_m * aerosol)
             + higher * (c.rayleigh_per_m + c.aerosol_per_m);
         let kept = exp(-c.extinction_per_m * (after - before));
-        light += through * source * (1.0 - kept) / max(c.extinction_per_m, vec3<f32>(1e-12));
+        light += through * lit_up * (1.0 - kept) / max(c.extinction_per_m, vec3<f32>(1e-12));
         through *= kept;
         before = after;
     }
-    return light;
+    if (!to_ground) {
+        let nearer = (EARTH_RADIUS_M + height_m) / (EARTH_RADIUS_M + GLOW_HEIGHT_M);
+        light += source.layer_glow * through * inverseSqrt(max(1.0 - nearer * nearer * (1.0 - mu * mu), 1e-3));
+    }
+    return source.strength * light;
 }

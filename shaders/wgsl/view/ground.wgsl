@@ -35,7 +35,7 @@ fn ground_radiance(at: vec2<f32>, distance_m: f32) -> vec3<f32> {
     var passed = 1.0;
     var sky_share = 1.0;
     if (frame.shadow != 0u) {
-        let sun = frame.marched_sun.xyz;
+        let sun = frame.marched_beam.xyz;
         let depth = shadow_depth(at + max(shape.bottom_m, 0.0) / sun.z * sun.xy);
         let straight = exp(-depth);
         let diffuse = 1.0 / (depth * DIFFUSE_VISIBILITY + 1.0);
@@ -47,7 +47,7 @@ fn ground_radiance(at: vec2<f32>, distance_m: f32) -> vec3<f32> {
     let near = 1.0 / (distance_m * distance_m / (GROUND_NEAR_M * GROUND_NEAR_M) + 1.0);
     let patch_size = (broad - 0.5) * GROUND_BROAD + (fields.x - 0.5) * GROUND_FIELDS * near
         + (fields.y - 0.5) * GROUND_GRAIN * near * near;
-    let lit = max(frame.sun_direction.z, 0.0) / PI;
+    let lit = max(frame.beam_direction.z, 0.0) / PI;
     let albedo = clamp(patch_size * frame.ground_tint.rgb + 1.0, vec3<f32>(GROUND_DARKEST), vec3<f32>(GROUND_LIGHTEST))
         * frame.ground_albedo.rgb;
     return albedo * (passed * (light.sun_at_ground.rgb * lit) + light.sky_irradiance.rgb * (sky_share / PI));

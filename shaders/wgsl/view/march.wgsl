@@ -4,6 +4,8 @@
 //! use shared/shape
 //! use shared/detail
 //! use shared/sky_look
+//! use shared/stars
+//! use shared/moon
 //! use view/haze
 //! use view/ground
 //! use view/tone_map
@@ -23,6 +25,7 @@
 @group(0) @binding(8) var<storage, read> shadow: array<f32>;
 @group(0) @binding(9) var<storage, read> detail_words: array<u32>;
 @group(0) @binding(10) var<storage, read_write> picture: array<u32>;
+@group(0) @binding(11) var<uniform> star_words: array<vec4<u32>, STAR_WORDS / 4u>;
 
 const LOG2_E = 1.44269504088896;
 const NEVER = 3.4e38;
@@ -99,7 +102,7 @@ fn march(d: vec3<f32>, curve: f32, ground_at: f32, turn: f32, pattern: f32) -> M
         eccentricity *= OCTAVE_ECCENTRICITY;
     }
     let slowest = -LOG2_E / f32(1u << OCTAVES_MAX);
-    let sun = frame.marched_sun.xyz;
+    let sun = frame.marched_beam.xyz;
     let covered = FINE_FIRST_LENGTH_M + FINE_SECOND_LENGTH_M;
 
     var through = 1.0;
@@ -193,7 +196,6 @@ fn draw(pixel: vec2<f32>) -> vec3<f32> {
     let sky = sky_look(vec3<f32>(d.xy, looked));
     let whole = haze_transmittance(end, d.z);
     var seen = sky;
-    let turn = dot(d, frame.sun_direction.xyz);
     if (down) {
         var land = ground_radiance(d.xy * end + o.xy, end);
         if (frame.sea != 0u) {
@@ -202,14 +204,29 @@ fn draw(pixel: vec2<f32>) -> vec3<f32> {
         seen += land * whole;
     } else {
         // The chord to the sun's centre is its angle for small angles.
-        let angle = sqrt(max((1.0 - turn) * 2.0, 0.0));
+        let angle = sqrt(max((1.0 - dot(d, frame.sun_direction.xyz)) * 2.0, 0.0));
         let blur = scale * SUN_EDGE_PIXELS;
         let disc = clamp((SUN_ANGULAR_RADIUS + blur * 0.5 - angle) / blur, 0.0, 1.0);
         if (disc > 0.0) {
             let radiance = disc / (PI * SUN_ANGULAR_RADIUS * SUN_ANGULAR_RADIUS);
             seen += radiance * transmittance_of_sun(o.z, frame.sun_direction.z);
         }
+        var open = 1.0;
+        if (frame.moon_direction.w > 0.0) {
+            let moon = moon_radiance(d, frame.moon_direction, frame.moon_light.rgb, frame.sun_direction.xyz, blur);
+            if (moon.w > 0.0) {
+                seen += moon.rgb * transmittance_of_sun(o.z, frame.moon_direction.z);
+                open -= moon.w;
+            }
+        }
+        if (frame.stars != 0u && open > 0.0) {
+            let own = star_radiance(vec3<f32>(dot(frame.equator_x.xyz, d), dot(frame.equator_y.xyz, d), dot(frame.equator_z.xyz, d)), scale);
+            if (own.g > 0.0) {
+                seen += own * transmittance_to_space(o.z, d.z) * open;
+            }
+        }
     }
+    let turn = dot(d, frame.beam_direction.xyz);
     // Interleaved gradient noise, for the march's start and against bands.
     let pattern = fract(fract(pixel.x * PATTERN_X + pixel.y * PATTERN_Y) * PATTERN_SCALE);
     if (frame.cloud != 0u) {
@@ -226,9 +243,9 @@ fn draw(pixel: vec2<f32>) -> vec3<f32> {
             seen = mix(seen, covered, 1.0 - far);
         }
     }
-    let received = luminance_of(light.sun_at_ground.rgb) * max(frame.sun_direction.z, 0.0)
+    let received = luminance_of(light.sun_at_ground.rgb) * max(frame.beam_direction.z, 0.0)
         + luminance_of(light.sky_irradiance.rgb);
-    return tone_map(seen, exposure(received, frame.exposure_gain), pattern);
+    return tone_map(seen, exposure(received, frame.exposure_gain, frame.night != 0u), pattern);
 }
 
 var<workgroup> tile: array<u32, 64>;

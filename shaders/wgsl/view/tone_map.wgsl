@@ -1,8 +1,13 @@
 // Stage `tone_map`: from radiance to bytes. The twin is cpu/view/tone_map.rs.
 
-/// Exposure for level ground that receives `irradiance`; `gain` is the compensation.
-fn exposure(irradiance: f32, gain: f32) -> f32 {
-    return EXPOSURE_SCALE * gain / pow(max(irradiance, 0.0) + EXPOSURE_NIGHT, EXPOSURE_FOLLOWS);
+/// Exposure for level ground that receives `irradiance`; `gain` is the compensation, `night` lets it adapt to the dark.
+fn exposure(irradiance: f32, gain: f32, night: bool) -> f32 {
+    let received = max(irradiance, 0.0);
+    if (night) {
+        let bright = EXPOSURE_SCALE * gain / pow(received + ADAPTS_BELOW, EXPOSURE_FOLLOWS);
+        return bright * pow((received + ADAPTS_BELOW) / (received + ADAPTS_DOWN_TO), ADAPTS_BY);
+    }
+    return EXPOSURE_SCALE * gain / pow(received + EXPOSURE_NIGHT, EXPOSURE_FOLLOWS);
 }
 
 fn luminance_of(c: vec3<f32>) -> f32 {

@@ -138,5 +138,7 @@ pub fn settings(width: usize, height: usize) -> ViewSettings {
         visibility_m: Some(40_000.0),
         seed: 1,
         surface_altitude_m: 0.0,
+        moon: None,
+        stars: None,
     }
 }

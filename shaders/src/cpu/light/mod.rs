@@ -5,6 +5,7 @@
 
 pub mod atmosphere;
 pub mod mie;
+pub mod moon;
 pub mod multiple_scattering_table;
 pub mod path_tracer;
 pub mod phase;
@@ -12,6 +13,7 @@ pub mod phase_table;
 pub mod sky_light;
 pub mod sky_table;
 pub mod sky_visibility;
+pub mod stars;
 pub mod sun_optical_depth;
 pub mod transmittance_table;
 

@@ -1,6 +1,6 @@
 //! Stage `sky_light`: what the sky as a whole gives to clouds and ground.
 //!
-//! Reads: [`Atmosphere`] and its tables, the sun's direction, two heights. Writes: [`SkyLight`]. Scheme: the sky's radiance
+//! Reads: [`Atmosphere`] and its tables, a [`SkySource`], two heights. Writes: [`SkyLight`]. Scheme: the sky's radiance
 //! summed over 8 rings of equal solid angle by 12 azimuths.
 
 use std::f32::consts::PI;
@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::atmosphere::Atmosphere;
 use super::multiple_scattering_table::MultipleScatteringTable;
-use super::sky_table::radiance;
+use super::sky_table::{SkySource, radiance};
 use super::transmittance_table::TransmittanceTable;
 
 crate::constants! {
@@ -24,7 +24,7 @@ crate::constants! {
 /// Light for clouds and ground, relative to the sun's irradiance above the atmosphere.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SkyLight {
-    /// The sun's irradiance across its beam at the clouds' base.
+    /// Irradiance of the sun, or by night of the moon, across its beam at the clouds' base.
     pub sun_at_base: [f32; 3],
     /// The same at the clouds' top.
     pub sun_at_top: [f32; 3],
@@ -45,7 +45,7 @@ impl SkyLight {
         transmittance: &TransmittanceTable,
         multiple: &MultipleScatteringTable,
         ground_albedo: [f32; 3],
-        sun_direction: [f32; 3],
+        source: &SkySource,
         base_top_m: [f32; 2],
     ) -> SkyLight {
         let (rings, around) = (SKY_LIGHT_RINGS, SKY_LIGHT_AROUND);
@@ -63,7 +63,7 @@ impl SkyLight {
                         multiple,
                         SKY_LIGHT_HEIGHT_M,
                         direction,
-                        sun_direction,
+                        source,
                         Some(false),
                     ),
                     sine,
@@ -76,16 +76,47 @@ impl SkyLight {
         };
         let sky_radiance = sum(&|_| 1.0);
         let sky_irradiance = sum(&|sine| 2.0 * PI * sine);
-        let mu = sun_direction[2];
-        let sun_at_ground = transmittance.of_sun(1.0, mu);
-        SkyLight {
-            sun_at_base: transmittance.of_sun(base_top_m[0], mu),
-            sun_at_top: transmittance.of_sun(base_top_m[1], mu),
-            sun_at_ground,
+        let mu = source.direction[2];
+        let beam_at = |height_m: f32| {
+            let passed = transmittance.of_sun(height_m, mu);
+            [0, 1, 2].map(|c| passed[c] * source.strength[c])
+        };
+        let mut light = SkyLight {
+            sun_at_base: beam_at(base_top_m[0]),
+            sun_at_top: beam_at(base_top_m[1]),
+            sun_at_ground: beam_at(1.0),
             sky_radiance,
             sky_irradiance,
-            ground_radiance: [0, 1, 2]
-                .map(|c| ground_albedo[c] / PI * (sun_at_ground[c] * mu.max(0.0) + sky_irradiance[c])),
+            ground_radiance: [0.0; 3],
+        };
+        light.ground_radiance = light.from_ground(ground_albedo, mu);
+        light
+    }
+    fn from_ground(&self, albedo: [f32; 3], beam_sine: f32) -> [f32; 3] {
+        [0, 1, 2].map(|c| albedo[c] / PI * (self.sun_at_ground[c] * beam_sine.max(0.0) + self.sky_irradiance[c]))
+    }
+    /// The same with the moon's light added: its sky whole, and where its beam is let in, that in place of the sun's, which is down then. `moon_sine` is the sine of the
+    /// moon's elevation.
+    pub fn with_moon(&self, moon: &SkyLight, beam_share: f32, ground_albedo: [f32; 3], moon_sine: f32) -> SkyLight {
+        let sum = |a: [f32; 3], b: [f32; 3]| [0, 1, 2].map(|c| a[c] + b[c]);
+        let beam = |sun: [f32; 3], moon: [f32; 3]| {
+            if beam_share > 0.0 {
+                moon.map(|m| m * beam_share)
+            } else {
+                sun
+            }
+        };
+        let mut light = SkyLight {
+            sun_at_base: beam(self.sun_at_base, moon.sun_at_base),
+            sun_at_top: beam(self.sun_at_top, moon.sun_at_top),
+            sun_at_ground: beam(self.sun_at_ground, moon.sun_at_ground),
+            sky_radiance: sum(self.sky_radiance, moon.sky_radiance),
+            sky_irradiance: sum(self.sky_irradiance, moon.sky_irradiance),
+            ground_radiance: sum(self.ground_radiance, moon.ground_radiance),
+        };
+        if beam_share > 0.0 {
+            light.ground_radiance = light.from_ground(ground_albedo, moon_sine);
         }
+        light
     }
 }

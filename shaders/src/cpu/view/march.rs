@@ -21,9 +21,11 @@ use super::lanes::{LANES, Lanes};
 use super::shape::{CARVE_EDGE, Shape, trilinear};
 use super::{ground, tone_map};
 use crate::cpu::light::atmosphere::EARTH_RADIUS_M;
+use crate::cpu::light::moon::MoonDisc;
 use crate::cpu::light::phase::Droplets;
 use crate::cpu::light::sky_light::SkyLight;
 use crate::cpu::light::sky_table::SkyTable;
+use crate::cpu::light::stars::StarField;
 use crate::cpu::light::sun_optical_depth::{DEPTH_UNIT, SunLight, marched_direction};
 use crate::cpu::light::transmittance_table::SUN_ANGULAR_RADIUS;
 use crate::view::FrameDetail;
@@ -101,10 +103,18 @@ pub struct Frame<'a> {
     pub half_height: f32,
     /// Unit vector towards the sun.
     pub sun_direction: [f32; 3],
+    /// Unit vector towards what throws shadows: the sun, by night the moon.
+    pub beam_direction: [f32; 3],
     /// Multiplies radiance.
     pub exposure: f32,
-    /// Clear sky from here.
+    /// Clear sky from here, by the sun.
     pub sky: &'a SkyTable,
+    /// The same by the moon.
+    pub moon_sky: Option<&'a SkyTable>,
+    /// The moon's disc.
+    pub moon: Option<MoonDisc>,
+    /// Stars.
+    pub stars: Option<StarField<'a>>,
     /// Light for cloud and ground.
     pub light: &'a SkyLight,
     /// Air between; none leaves the cloud clear.
@@ -127,6 +137,55 @@ pub struct Frame<'a> {
     pub droplets: Droplets,
     /// Sun at the disc: transmittance towards it from the camera.
     pub sun_disc: [f32; 3],
+}
+
+impl Frame<'_> {
+    /// The clear sky's radiance in 16 directions.
+    #[inline(always)]
+    pub(crate) fn sky_look(&self, direction: &[Lanes; 3]) -> [Lanes; 3] {
+        let mut light = self.sky.look(direction);
+        if let Some(moon) = self.moon_sky {
+            let more = moon.look(direction);
+            for c in 0..3 {
+                light[c] = light[c] + more[c];
+            }
+        }
+        light
+    }
+    /// Radiance of the sun's disc, the moon's and the stars in 16 directions, of those lanes where `open` is 1 and not 0.
+    #[inline(always)]
+    pub(crate) fn beyond_air(&self, d: &[Lanes; 3], open: Lanes) -> [Lanes; 3] {
+        let (zero, one) = (Lanes::splat(0.0), Lanes::splat(1.0));
+        let scale = 2.0 * self.half_height / self.height as f32;
+        let edge = scale * SUN_EDGE_PIXELS;
+        let mut light = [zero; 3];
+        let sun = self.sun_direction;
+        let turn = d[0] * sun[0] + d[1] * sun[1] + d[2] * sun[2];
+        // The chord to the sun's centre is its angle for small angles.
+        let angle = ((one - turn) * 2.0).sqrt();
+        let disc = ((Lanes::splat(SUN_ANGULAR_RADIUS + edge * 0.5) - angle) * (1.0 / edge)).clamp(0.0, 1.0) * open;
+        if disc.any_above(0.0) {
+            let radiance = 1.0 / (std::f32::consts::PI * SUN_ANGULAR_RADIUS * SUN_ANGULAR_RADIUS);
+            for c in 0..3 {
+                light[c] = disc * (radiance * self.sun_disc[c]);
+            }
+        }
+        let mut open = open;
+        if let Some(moon) = &self.moon {
+            let (own, covered) = moon.radiance(d, edge);
+            for c in 0..3 {
+                light[c] = light[c] + own[c] * open;
+            }
+            open = open * (one - covered);
+        }
+        if let Some(stars) = &self.stars {
+            let own = stars.radiance(d, scale, open);
+            for c in 0..3 {
+                light[c] = light[c] + own[c];
+            }
+        }
+        light
+    }
 }
 
 /// Draws rows `first_row ..` into `out` (RGB, whole rows, at most [`PACKET_ROWS`]).
@@ -183,9 +242,7 @@ fn packet(frame: &Frame<'_>, px: Lanes, py: Lanes) -> ([Lanes; 3], Lanes) {
 
     // The table's lower half holds no ground: a ray that just misses the ground must not look there.
     let above = d[2].max(Lanes::splat(frame.sky.horizon_sine + 2e-4));
-    let sky = frame
-        .sky
-        .look(&[d[0], d[1], Lanes::select_less(zero, down, d[2], above)]);
+    let sky = frame.sky_look(&[d[0], d[1], Lanes::select_less(zero, down, d[2], above)]);
     let whole = frame.haze.transmittance(end, d[2]);
     let mut light = sky;
     if down.any_above(0.0) {
@@ -196,13 +253,13 @@ fn packet(frame: &Frame<'_>, px: Lanes, py: Lanes) -> ([Lanes; 3], Lanes) {
             frame.light,
             cloud,
             frame.noise,
-            frame.sun_direction,
+            frame.beam_direction,
             gx,
             gy,
             end,
         );
         if frame.ground == Ground::Sea {
-            let mirrored = frame.sky.look(&ground::mirrored(&d));
+            let mirrored = frame.sky_look(&ground::mirrored(&d));
             let share = ground::mirror_share(d[2]);
             for c in 0..3 {
                 land[c] = land[c].lerp(mirrored[c], share);
@@ -212,18 +269,13 @@ fn packet(frame: &Frame<'_>, px: Lanes, py: Lanes) -> ([Lanes; 3], Lanes) {
             light[c] = light[c] + land[c] * whole[c] * down;
         }
     }
-    let turn = d[0] * frame.sun_direction[0] + d[1] * frame.sun_direction[1] + d[2] * frame.sun_direction[2];
-    // The chord to the sun's centre is its angle for small angles.
-    let angle = ((one - turn) * 2.0).sqrt();
-    let pixel = scale * SUN_EDGE_PIXELS;
-    let disc =
-        ((Lanes::splat(SUN_ANGULAR_RADIUS + pixel * 0.5) - angle) * (1.0 / pixel)).clamp(0.0, 1.0) * (one - down);
-    if disc.any_above(0.0) {
-        let radiance = 1.0 / (std::f32::consts::PI * SUN_ANGULAR_RADIUS * SUN_ANGULAR_RADIUS);
-        for c in 0..3 {
-            light[c] = light[c] + disc * (radiance * frame.sun_disc[c]);
-        }
+    let beyond = frame.beyond_air(&d, one - down);
+    for c in 0..3 {
+        light[c] = light[c] + beyond[c];
     }
+    // What of the beam is turned towards here.
+    let beam = frame.beam_direction;
+    let turn = d[0] * beam[0] + d[1] * beam[1] + d[2] * beam[2];
     // Pattern of the pixels: interleaved gradient noise (Jimenez 2014), for the march's start and against bands.
     let pattern = ((px * PATTERN_X + py * PATTERN_Y).fraction() * PATTERN_SCALE)
         .fraction()
@@ -295,7 +347,7 @@ fn march(
         eccentricity *= OCTAVE_ECCENTRICITY;
     }
     let slowest = -std::f32::consts::LOG2_E * 0.5f32.powi(frame.octaves as i32);
-    let sun = marched_direction(frame.sun_direction);
+    let sun = marched_direction(frame.beam_direction);
     let per_depth = 1.0 / (shape.top_m - shape.bottom_m);
 
     let mut through = one;

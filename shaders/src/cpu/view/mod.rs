@@ -17,15 +17,17 @@ use rayon::prelude::*;
 
 use crate::CloudVolume;
 use crate::cpu::light::Atmosphere;
+use crate::cpu::light::moon::MoonDisc;
 use crate::cpu::light::multiple_scattering_table::MultipleScatteringTable;
 use crate::cpu::light::path_tracer::{Film, Scatterer, volume};
 use crate::cpu::light::phase_table::PhaseChoice;
 use crate::cpu::light::sky_light::SkyLight;
 use crate::cpu::light::sky_table::SkyTable;
 use crate::cpu::light::sky_visibility::sky_visibility;
+use crate::cpu::light::stars::{StarField, StarTable};
 use crate::cpu::light::sun_optical_depth::SunLight;
 use crate::cpu::light::transmittance_table::TransmittanceTable;
-pub use crate::view::{Detail, Ground, ViewSettings};
+pub use crate::view::{Detail, Ground, MoonPlace, StarPlaces, ViewSettings};
 use crate::view::{LightKey, Look, SkyKey, SunLightKey, fingerprint};
 use detail_noise::DetailNoise;
 use haze::Haze;
@@ -40,7 +42,8 @@ pub struct Prepared {
     noise: Option<DetailNoise>,
     scatterer: Option<(PhaseChoice, Scatterer)>,
     air: Option<(Atmosphere, TransmittanceTable, MultipleScatteringTable)>,
-    sky: Option<(SkyKey, SkyTable)>,
+    sky: Option<(SkyKey, SkyTable, Option<SkyTable>)>,
+    stars: Option<([f32; 2], StarTable)>,
     light: Option<(LightKey, SkyLight)>,
     shape: Option<(u64, Option<CloudShape>)>,
     sun_light: Option<(SunLightKey, SunLight)>,
@@ -171,16 +174,29 @@ fn prepare(
     let cloud = prepared.shape.as_ref().and_then(|(_, shape)| shape.as_ref());
 
     let sky_key = look.sky_key();
-    if prepared.sky.as_ref().is_none_or(|(k, _)| *k != sky_key) {
-        let table = SkyTable::new(air, transmittance, multiple, look.table_sun, look.position_m[2]);
-        prepared.sky = Some((sky_key, table));
+    let sources = look.sources();
+    if prepared.sky.as_ref().is_none_or(|(k, ..)| *k != sky_key) {
+        let table = |source| SkyTable::new(air, transmittance, multiple, source, look.position_m[2]);
+        let moon = sources.moon.as_ref().map(|(moon, _)| table(moon));
+        prepared.sky = Some((sky_key, table(&sources.sun), moon));
         after("sky_table");
+    }
+    if let Some(places) = look.stars {
+        let key = [places.faintest, places.years_since_2000];
+        if prepared.stars.as_ref().is_none_or(|(k, _)| *k != key) {
+            prepared.stars = Some((key, StarTable::new(places.faintest, places.years_since_2000)));
+            after("stars");
+        }
     }
     let light_key = look.light_key(cloud.map(|c| [c.shape.bottom_m, c.shape.top_m]));
     if prepared.light.as_ref().is_none_or(|(k, _)| *k != light_key) {
         let (.., base_top) = light_key;
         let albedo = settings.ground.albedo();
-        let light = SkyLight::new(air, transmittance, multiple, albedo, look.table_sun, base_top);
+        let of = |source| SkyLight::new(air, transmittance, multiple, albedo, source, base_top);
+        let mut light = of(&sources.sun);
+        if let Some((moon, beam_share)) = &sources.moon {
+            light = light.with_moon(&of(moon), *beam_share, albedo, moon.direction[2]);
+        }
         prepared.light = Some((light_key, light));
         after("sky_light");
     }
@@ -188,7 +204,7 @@ fn prepare(
         let key = look.sun_light_key(cloud_key);
         if prepared.sun_light.as_ref().is_none_or(|(k, _)| *k != key) {
             let carved = look.detail.is_some();
-            let sun_light = SunLight::new(&cloud.shape, &cloud.visibility, carved, look.table_sun);
+            let sun_light = SunLight::new(&cloud.shape, &cloud.visibility, carved, look.table_beam);
             prepared.sun_light = Some((key, sun_light));
             after("sun_optical_depth");
         }
@@ -199,12 +215,14 @@ fn prepare(
 impl Prepared {
     /// The frame of a picture; none if something was not prepared.
     fn frame(&self, look: &Look, settings: &ViewSettings) -> Option<Frame<'_>> {
-        let (_, sky) = self.sky.as_ref()?;
+        let (_, sky, moon_sky) = self.sky.as_ref()?;
         let (_, light) = self.light.as_ref()?;
         let (air, transmittance, _) = self.air.as_ref()?;
         let cloud = self.shape.as_ref().and_then(|(_, shape)| shape.as_ref());
         let sun = look.sun_direction;
-        let on_ground = luminance(light.sun_at_ground) * sun[2].max(0.0) + luminance(light.sky_irradiance);
+        let beam = look.beam_direction;
+        let on_ground = luminance(light.sun_at_ground) * beam[2].max(0.0) + luminance(light.sky_irradiance);
+        let height_m = look.position_m[2];
         Some(Frame {
             width: settings.width,
             height: settings.height,
@@ -212,10 +230,22 @@ impl Prepared {
             axes: look.axes,
             half_height: look.half_height,
             sun_direction: sun,
-            exposure: tone_map::exposure(on_ground, look.exposure_gain),
+            beam_direction: beam,
+            exposure: tone_map::exposure(on_ground, look.exposure_gain, look.night),
             sky,
+            moon_sky: moon_sky.as_ref(),
+            moon: look.moon.map(|m| MoonDisc::new(m, sun, transmittance, height_m)),
+            stars: look
+                .stars
+                .zip(self.stars.as_ref())
+                .map(|(places, (_, table))| StarField {
+                    table,
+                    equatorial_from_world: places.equatorial_from_world,
+                    transmittance,
+                    height_m,
+                }),
             light,
-            haze: Haze::new(air, look.position_m[2]),
+            haze: Haze::new(air, height_m),
             haze_on_cloud: settings.visibility_m.is_some(),
             cloud: cloud.and_then(|c| self.sun_light.as_ref().map(|(_, s)| (&c.shape, s))),
             ground: settings.ground,
@@ -224,7 +254,7 @@ impl Prepared {
             detail: look.detail,
             octaves: look.octaves,
             droplets: look.droplets,
-            sun_disc: transmittance.of_sun(look.position_m[2], sun[2]),
+            sun_disc: transmittance.of_sun(height_m, sun[2]),
         })
     }
 }

@@ -28,6 +28,11 @@ crate::constants! {
     const EXPOSURE_NIGHT: f32 = 2e-4;
     /// How far exposure follows the irradiance: 1 would make night as bright as day.
     const EXPOSURE_FOLLOWS: f32 = 0.66;
+    /// With an effect of the night, below the first irradiance exposure follows by this share, down to the second: a landscape under the full moon is a twentieth as bright
+    /// in a picture as by day, and the sky of a moonless night just above black.
+    const ADAPTS_BELOW: f32 = 1e-3;
+    const ADAPTS_DOWN_TO: f32 = 1.2e-7;
+    const ADAPTS_BY: f32 = 0.92;
 }
 
 /// Bytes 0 to 255 as floats, before rounding down; `dither` from 0 to 1.
@@ -52,10 +57,14 @@ pub(crate) fn tone_map(radiance: [Lanes; 3], exposure: f32, dither: Lanes) -> [L
 }
 
 /// Exposure for a scene whose level ground receives `irradiance` (relative to the sun's above the air). Follows dusk only in part, so
-/// that it gets darker as it does to the eye.
-pub fn exposure(irradiance: f32, gain: f32) -> f32 {
-    let seen = irradiance.max(0.0) + EXPOSURE_NIGHT;
-    EXPOSURE_SCALE * gain / seen.powf(EXPOSURE_FOLLOWS)
+/// that it gets darker as it does to the eye; `night` lets it adapt to the dark.
+pub fn exposure(irradiance: f32, gain: f32, night: bool) -> f32 {
+    let received = irradiance.max(0.0);
+    if night {
+        let bright = EXPOSURE_SCALE * gain / (received + ADAPTS_BELOW).powf(EXPOSURE_FOLLOWS);
+        return bright * ((received + ADAPTS_BELOW) / (received + ADAPTS_DOWN_TO)).powf(ADAPTS_BY);
+    }
+    EXPOSURE_SCALE * gain / (received + EXPOSURE_NIGHT).powf(EXPOSURE_FOLLOWS)
 }
 
 /// Factor of a compensation in stops; bounded, 1 for what is not a number.

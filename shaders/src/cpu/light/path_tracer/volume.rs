@@ -10,12 +10,11 @@ use multiversion::multiversion;
 
 use super::{Film, Flight, Medium, PathTracer, Scatterer};
 use crate::cpu::light::atmosphere::EARTH_RADIUS_M;
-use crate::cpu::light::transmittance_table::SUN_ANGULAR_RADIUS;
 use crate::cpu::view::detail_noise::DetailNoise;
 use crate::cpu::view::lanes::{LANES, Lanes};
 use crate::cpu::view::march::{
     CARVE_RAMP, DETAIL_FINE, DETAIL_FINEST, DETAIL_HELD, DETAIL_SMALL, DRAW_DISTANCE_M, Frame, SKY_DISTANCE_M,
-    SUN_EDGE_PIXELS, detailed_extinction,
+    detailed_extinction,
 };
 use crate::cpu::view::shape::{CARVE_EDGE, Shape};
 use crate::cpu::view::{Ground, ground};
@@ -160,7 +159,7 @@ impl<'a> Volume<'a> {
             (along[2] as f32).max(lowest)
         };
         let direction = [along[0] as f32, along[1] as f32, z].map(Lanes::splat);
-        self.frame.sky.look(&direction).map(|c| f64::from(c.0[0]))
+        self.frame.sky_look(&direction).map(|c| f64::from(c.0[0]))
     }
 }
 
@@ -293,14 +292,9 @@ impl Medium for Volume<'_> {
     fn background(&self, along: &[f64; 3]) -> [f64; 3] {
         let frame = self.frame;
         let mut light = self.look(along, false);
-        let sun = frame.sun_direction.map(f64::from);
-        let turn = along[0] * sun[0] + along[1] * sun[1] + along[2] * sun[2];
-        let angle = (2.0 * (1.0 - turn)).max(0.0).sqrt();
-        let pixel = 2.0 * f64::from(frame.half_height) / frame.height as f64 * f64::from(SUN_EDGE_PIXELS);
-        let radius = f64::from(SUN_ANGULAR_RADIUS);
-        let disc = ((radius + pixel * 0.5 - angle) / pixel).clamp(0.0, 1.0);
+        let beyond = frame.beyond_air(&along.map(|v| Lanes::splat(v as f32)), Lanes::splat(1.0));
         for c in 0..3 {
-            light[c] += disc * f64::from(frame.sun_disc[c]) / (std::f64::consts::PI * radius * radius);
+            light[c] += f64::from(beyond[c].0[0]);
         }
         light
     }
@@ -334,7 +328,7 @@ impl Medium for Volume<'_> {
         let mut factor = [0, 1, 2].map(|c| f64::from(albedo[c].0[0]) * whole[c]);
         if frame.ground == Ground::Sea {
             let share = f64::from(ground::mirror_share(d[2]).0[0]);
-            let mirrored = frame.sky.look(&ground::mirrored(&d));
+            let mirrored = frame.sky_look(&ground::mirrored(&d));
             for c in 0..3 {
                 added[c] += whole[c] * share * f64::from(mirrored[c].0[0]);
                 factor[c] *= 1.0 - share;
@@ -376,7 +370,7 @@ fn look_up(shape: &Shape, noise: &DetailNoise, detail: Option<FrameDetail>, p: &
 /// Adds `samples` paths through the middle of every pixel of a frame's picture to its film.
 pub fn trace(frame: &Frame<'_>, scatterer: &Scatterer, albedo: f64, film: &mut Film, samples: u32) {
     let medium = Volume::new(frame);
-    let sun = frame.sun_direction.map(f64::from);
+    let sun = frame.beam_direction.map(f64::from);
     let length = (sun[0] * sun[0] + sun[1] * sun[1] + sun[2] * sun[2]).sqrt();
     let lit = [
         frame.light.sun_at_top,
