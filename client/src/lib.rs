@@ -20,6 +20,7 @@
 //! ```
 
 pub mod clock;
+mod connection;
 mod error;
 mod http;
 pub mod load;

@@ -7,9 +7,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use futures_util::StreamExt;
+use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
-use welkin_proto::volume::subscribe::{Subscription, VolumeServerMessage};
+use welkin_proto::volume::subscribe::Subscription;
 use welkin_proto::wire::FrameFormat;
 
 use crate::error::ClientError;
@@ -145,9 +146,9 @@ struct Count {
 /// Errors: those of [`subscribe`], and whatever the first subscriber meets.
 pub async fn run(url: &str, options: &LoadOptions) -> Result<LoadReport, ClientError> {
     let memory = || options.server_pid.and_then(resident_mib);
-    let mut watcher = watch(url, options).await?;
+    let mut watcher = Watcher::start(url, options).await?;
     let before = memory();
-    let quiet = Ticks::of(&stamps(&mut watcher, options.each).await?);
+    let quiet = Ticks::of(&watcher.stamps(options.each).await?);
 
     let errors: Arc<AtomicU64> = Arc::default();
     let counts: Vec<Arc<Count>> = (0..options.subscribers + options.viewers)
@@ -184,9 +185,9 @@ pub async fn run(url: &str, options: &LoadOptions) -> Result<LoadReport, ClientE
     let at_start: Vec<[u64; 3]> = counts.iter().map(|c| c.read()).collect();
     let began = Instant::now();
     let half = options.each / 2;
-    let mut seen = stamps(&mut watcher, half).await?;
+    let mut seen = watcher.stamps(half).await?;
     let filled = memory();
-    seen.extend(stamps(&mut watcher, half).await?);
+    seen.extend(watcher.stamps(half).await?);
     let loaded = Ticks::of(&seen);
     let took_s = began.elapsed().as_secs_f64();
     let at_end = memory();
@@ -260,38 +261,77 @@ fn volume_options(options: &LoadOptions, subscription: Subscription) -> VolumeOp
     }
 }
 
-/// One subscriber to every publication, of as few values as there can be.
-async fn watch(url: &str, options: &LoadOptions) -> Result<Volumes, ClientError> {
-    let subscription = Subscription {
-        channels: options.subscription.channels[..1].to_vec(),
-        mip: welkin_proto::volume::MIP_MAX,
-        rate_hz: WATCHER_RATE_HZ,
-        ..Subscription::default()
-    };
-    let mut watcher = subscribe(url, volume_options(options, subscription))?;
-    loop {
-        match timeout(FIRST_WITHIN, watcher.next()).await {
-            Ok(Some(VolumeEvent::Subscribed(VolumeServerMessage::Subscribed { .. }))) => return Ok(watcher),
-            Ok(Some(VolumeEvent::Error { error, .. })) => return Err(error),
-            Ok(Some(_)) => {}
-            Ok(None) | Err(_) => return Err(ClientError::Lost("no subscription came about".to_owned())),
+/// One subscriber to every publication, of as few values as there can be. It has a thread of its own, so that the crowd's work in this process does not
+/// make it miss any.
+struct Watcher {
+    seen: mpsc::UnboundedReceiver<Result<(u64, f64), ClientError>>,
+}
+
+impl Watcher {
+    /// Returns when the first publication is seen. Errors: those of [`subscribe`], and whatever it meets until then.
+    async fn start(url: &str, options: &LoadOptions) -> Result<Self, ClientError> {
+        let subscription = Subscription {
+            channels: options.subscription.channels[..1].to_vec(),
+            mip: welkin_proto::volume::MIP_MAX,
+            rate_hz: WATCHER_RATE_HZ,
+            ..Subscription::default()
+        };
+        let (url, options) = (url.to_owned(), volume_options(options, subscription));
+        let (tell, mut seen) = mpsc::unbounded_channel();
+        let broken = |error: std::io::Error| ClientError::Lost(format!("the watcher cannot run: {error}"));
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+        let runtime = runtime.map_err(broken)?;
+        let work = move || runtime.block_on(watch(&url, options, &tell));
+        std::thread::Builder::new()
+            .name("watcher".into())
+            .spawn(work)
+            .map_err(broken)?;
+        match timeout(FIRST_WITHIN, seen.recv()).await {
+            Ok(Some(Ok(_))) => Ok(Self { seen }),
+            Ok(Some(Err(error))) => Err(error),
+            Ok(None) | Err(_) => Err(ClientError::Lost("no subscription came about".to_owned())),
+        }
+    }
+
+    /// Tick and time of the publications that come in so long.
+    async fn stamps(&mut self, during: Duration) -> Result<Vec<(u64, f64)>, ClientError> {
+        while self.seen.try_recv().is_ok() {} // what came before does not count
+        let end = Instant::now() + during;
+        let mut stamps: Vec<(u64, f64)> = Vec::new();
+        loop {
+            match timeout(end.saturating_duration_since(Instant::now()), self.seen.recv()).await {
+                Err(_) => return Ok(stamps),
+                Ok(None) => return Err(ClientError::Lost("the watcher's stream ended".to_owned())),
+                Ok(Some(seen)) => stamps.push(seen?),
+            }
         }
     }
 }
 
-/// Tick and time of the publications that come in so long.
-async fn stamps(watcher: &mut Volumes, during: Duration) -> Result<Vec<(u64, f64)>, ClientError> {
-    let end = Instant::now() + during;
-    let mut stamps: Vec<(u64, f64)> = Vec::new();
+/// Tells of every publication until nobody listens or something goes wrong.
+async fn watch(url: &str, options: VolumeOptions, tell: &mpsc::UnboundedSender<Result<(u64, f64), ClientError>>) {
+    let mut volumes = match subscribe(url, options) {
+        Ok(volumes) => volumes,
+        Err(error) => {
+            let _ = tell.send(Err(error)); // nobody to tell is as good
+            return;
+        }
+    };
     loop {
-        match timeout(end.saturating_duration_since(Instant::now()), watcher.next()).await {
-            Err(_) => return Ok(stamps),
-            Ok(None) => return Err(ClientError::Lost("the watcher's stream ended".to_owned())),
-            Ok(Some(VolumeEvent::Volume { field, .. })) => {
-                stamps.push((field.moment.tick, field.moment.published_unix_s));
+        let event = tokio::select! {
+            event = volumes.next() => event,
+            () = tell.closed() => return,
+        };
+        let (told, last) = match event {
+            None => return,
+            Some(VolumeEvent::Volume { field, .. }) => {
+                (tell.send(Ok((field.moment.tick, field.moment.published_unix_s))), false)
             }
-            Ok(Some(VolumeEvent::Error { error, .. })) => return Err(error),
-            Ok(Some(_)) => {}
+            Some(VolumeEvent::Error { error, .. }) => (tell.send(Err(error)), true),
+            Some(VolumeEvent::Hello(_) | VolumeEvent::Subscribed(_)) => continue,
+        };
+        if told.is_err() || last {
+            return;
         }
     }
 }

@@ -30,9 +30,9 @@ use welkin_proto::sample::{
     SamplesMessage,
 };
 
+use crate::connection::{SILENCE_LIMIT, handshake, percent_encoded};
 use crate::error::ClientError;
 use crate::http::{post_json, world_or_first};
-use crate::stream::{SILENCE_LIMIT, handshake, percent_encoded};
 use crate::url::ServerUrl;
 
 /// The air at many places, or along a path; `world` absent is the server's first.

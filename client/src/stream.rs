@@ -1,7 +1,7 @@
 //! A world's stream as a sequence of events that outlives its connections.
 
+use std::convert::Infallible;
 use std::fmt;
-use std::hash::{BuildHasher, Hasher};
 use std::pin::Pin;
 use std::task::{Context, Poll};
 use std::time::Duration;
@@ -11,25 +11,20 @@ use tokio::net::TcpStream;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
-use tokio_tungstenite::tungstenite::protocol::WebSocketConfig;
-use tokio_tungstenite::tungstenite::{self, Message};
-use tokio_tungstenite::{WebSocketStream, client_async_with_config};
+use tokio_tungstenite::WebSocketStream;
+use tokio_tungstenite::tungstenite::Message;
 use welkin_proto::camera::Camera;
 use welkin_proto::wire::{
     ClientMessage, FRAME_HEADER_VERSION, FrameFormat, FrameHeader, FrameQuality, Numbers, PROTOCOL_VERSION,
     ServerMessage,
 };
 
+use crate::connection::{End, Follower, SILENCE_LIMIT, follow, handshake, said, silent};
 use crate::error::ClientError;
-use crate::http;
 use crate::url::ServerUrl;
 
 /// Events that may wait for the reader; then the connection is not read either, and the server skips to the newest.
 const EVENTS_WAITING_MAX: usize = 16;
-const MESSAGE_BYTES_MAX: usize = 64 << 20;
-const HANDSHAKE_LIMIT: Duration = Duration::from_secs(10);
-/// The server pings every 15 s; a stream that brings nothing at all for so long is dead.
-pub(crate) const SILENCE_LIMIT: Duration = Duration::from_secs(45);
 
 /// What is wanted of a server.
 #[derive(Clone, Debug)]
@@ -163,146 +158,62 @@ impl Drop for Events {
 pub fn connect(url: &str, options: Options) -> Result<Events, ClientError> {
     let server = ServerUrl::parse(url)?;
     let (sender, receiver) = mpsc::channel(EVENTS_WAITING_MAX);
-    let task = tokio::spawn(follow(server, options, sender));
+    let task = tokio::spawn(follow(Following {
+        server,
+        options,
+        sender,
+    }));
     Ok(Events { receiver, task })
 }
 
-/// Why a connection ended.
-pub(crate) enum End {
-    Error(ClientError),
-    /// Nobody listens any more.
-    Unheard,
+/// One world's stream.
+struct Following {
+    server: ServerUrl,
+    options: Options,
+    sender: mpsc::Sender<Event>,
 }
 
-impl From<ClientError> for End {
-    fn from(error: ClientError) -> Self {
-        Self::Error(error)
+impl Follower for Following {
+    type Event = Event;
+
+    fn sender(&self) -> &mpsc::Sender<Event> {
+        &self.sender
     }
-}
 
-async fn follow(server: ServerUrl, options: Options, sender: mpsc::Sender<Event>) {
-    let mut failures = 0;
-    loop {
-        let End::Error(error) = one_connection(&server, &options, &sender, &mut failures).await else {
-            return;
-        };
-        if error.is_final() {
-            // Where nobody listens any more there is nobody to tell.
-            let _ = sender
-                .send(Event::Error {
+    fn pauses(&self) -> [Duration; 2] {
+        [self.options.retry_first, self.options.retry_last]
+    }
+
+    fn trouble(error: ClientError, next: Next) -> Event {
+        Event::Error { error, next }
+    }
+
+    async fn connect_once(&mut self, failures: &mut u32) -> Result<Infallible, End> {
+        let mut socket = handshake(&self.server, self.options.world.as_deref(), "stream").await?;
+        loop {
+            let message = tokio::select! {
+                message = timeout(SILENCE_LIMIT, socket.next()) => message.map_err(|_| silent())?,
+                () = self.sender.closed() => return Err(End::Unheard),
+            };
+            let event = match understand(said(message)?) {
+                Ok(None) => continue,
+                Ok(Some(event)) => event,
+                Err(error @ (ClientError::Lost(_) | ClientError::OtherProtocol { .. })) => return Err(error.into()),
+                Err(error) => Event::Error {
                     error,
-                    next: Next::Ends,
-                })
-                .await;
-            return;
-        }
-        let pause = pause_after(failures, options.retry_first, options.retry_last);
-        failures += 1;
-        if sender
-            .send(Event::Error {
-                error,
-                next: Next::RetryIn(pause),
-            })
-            .await
-            .is_err()
-        {
-            return;
-        }
-        tokio::time::sleep(pause).await;
-    }
-}
-
-/// The pause after that many failures in a row, jittered so that many clients do not come back in the same instant.
-pub(crate) fn pause_after(failures: u32, first: Duration, last: Duration) -> Duration {
-    let grown = first.saturating_mul(2u32.saturating_pow(failures)).min(last);
-    // A fresh hasher is seeded at random.
-    let random = std::collections::hash_map::RandomState::new().build_hasher().finish();
-    grown.mul_f64(0.75 + 0.5 * (random >> 11) as f64 / (1u64 << 53) as f64)
-}
-
-async fn one_connection(
-    server: &ServerUrl,
-    options: &Options,
-    sender: &mpsc::Sender<Event>,
-    failures: &mut u32,
-) -> End {
-    let mut socket = match handshake(server, options.world.as_deref(), "stream").await {
-        Ok(socket) => socket,
-        Err(error) => return End::Error(error),
-    };
-    loop {
-        let message = tokio::select! {
-            message = timeout(SILENCE_LIMIT, socket.next()) => message,
-            () = sender.closed() => return End::Unheard,
-        };
-        let heard = match message {
-            Err(_) => {
-                return End::Error(ClientError::TimedOut {
-                    what: "sign of life",
-                    limit: SILENCE_LIMIT,
-                });
+                    next: Next::GoesOn,
+                },
+            };
+            if let Event::Hello(_) = event {
+                *failures = 0;
+                if let Some(wish) = &self.options.frames {
+                    ask_for(&mut socket, wish).await?;
+                }
             }
-            Ok(None) => return End::Error(ClientError::Lost("closed without a word".to_owned())),
-            Ok(Some(Err(error))) => return End::Error(ClientError::Lost(error.to_string())),
-            Ok(Some(Ok(message))) => message,
-        };
-        let event = match understand(heard) {
-            Ok(None) => continue,
-            Ok(Some(event)) => event,
-            Err(error @ (ClientError::Lost(_) | ClientError::OtherProtocol { .. })) => return End::Error(error),
-            Err(error) => Event::Error {
-                error,
-                next: Next::GoesOn,
-            },
-        };
-        if let Event::Hello(_) = event {
-            *failures = 0;
-            if let Some(wish) = &options.frames
-                && let Err(error) = ask_for(&mut socket, wish).await
-            {
-                return End::Error(error);
+            if self.sender.send(event).await.is_err() {
+                return Err(End::Unheard);
             }
         }
-        if sender.send(event).await.is_err() {
-            return End::Unheard;
-        }
-    }
-}
-
-/// Opens the WebSocket `route` of a world; `None` is the server's first.
-pub(crate) async fn handshake(
-    server: &ServerUrl,
-    world: Option<&str>,
-    route: &str,
-) -> Result<WebSocketStream<TcpStream>, ClientError> {
-    let world = http::world_or_first(server, world).await?;
-    let tcp = http::open(server).await?;
-    let url = format!(
-        "ws://{}/v1/worlds/{}/{route}",
-        server.authority(),
-        percent_encoded(&world)
-    );
-    let config = WebSocketConfig::default()
-        .max_message_size(Some(MESSAGE_BYTES_MAX))
-        .max_frame_size(Some(MESSAGE_BYTES_MAX));
-    let upgraded = timeout(HANDSHAKE_LIMIT, client_async_with_config(url, tcp, Some(config))).await;
-    match upgraded.map_err(|_| ClientError::TimedOut {
-        what: "answer",
-        limit: HANDSHAKE_LIMIT,
-    })? {
-        Ok((socket, _)) => Ok(socket),
-        Err(tungstenite::Error::Http(response)) => {
-            let body = response.body().as_deref().unwrap_or_default();
-            let status = response.status().as_u16();
-            let mut error = http::refusal(status, body);
-            // The handshake may bring the head alone; the status says enough then.
-            if status == 404 && error.code == "http_status" {
-                error.code = "unknown_world".to_owned();
-                error.message = format!("there is no world {world:?}");
-            }
-            Err(ClientError::Refused(error))
-        }
-        Err(error) => Err(ClientError::Lost(error.to_string())),
     }
 }
 
@@ -372,13 +283,7 @@ fn understand(message: Message) -> Result<Option<Event>, ClientError> {
                 image: image.to_vec(),
             })))
         }
-        Message::Close(close) => {
-            let reason = close.map(|c| c.reason.to_string()).filter(|r| !r.is_empty());
-            Err(ClientError::Lost(
-                reason.unwrap_or_else(|| "closed by the server".to_owned()),
-            ))
-        }
-        Message::Ping(_) | Message::Pong(_) | Message::Frame(_) => Ok(None),
+        Message::Ping(_) | Message::Pong(_) | Message::Frame(_) | Message::Close(_) => Ok(None),
     }
 }
 
@@ -398,32 +303,9 @@ fn other_protocol(text: &str) -> Option<ClientError> {
     })
 }
 
-/// A path segment with everything but unreserved characters encoded.
-pub(crate) fn percent_encoded(segment: &str) -> String {
-    segment.bytes().fold(String::new(), |mut text, byte| {
-        match byte {
-            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'_' | b'.' | b'~' => text.push(char::from(byte)),
-            _ => text.push_str(&format!("%{byte:02X}")),
-        }
-        text
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn pauses_grow_to_a_ceiling() {
-        let options = Options::default();
-        for (failures, middle_s) in [(0, 1.0), (1, 2.0), (4, 16.0), (5, 20.0), (40, 20.0)] {
-            let pause_s = pause_after(failures, options.retry_first, options.retry_last).as_secs_f64();
-            assert!(
-                (0.75 * middle_s..=1.25 * middle_s).contains(&pause_s),
-                "{pause_s} s after {failures} failures"
-            );
-        }
-    }
 
     #[test]
     fn a_hello_of_a_far_future_is_named_as_such() {
@@ -433,10 +315,5 @@ mod tests {
             .expect_err("another protocol must not be taken");
         assert!(matches!(error, ClientError::OtherProtocol { theirs: 7, .. }), "{error}");
         assert!(error.is_final());
-    }
-
-    #[test]
-    fn ids_cannot_leave_their_place_in_the_path() {
-        assert_eq!(percent_encoded("a/../b?c d"), "a%2F..%2Fb%3Fc%20d");
     }
 }

@@ -1,5 +1,6 @@
 //! A world's volumes as a sequence of events that outlives its connections, with the server's clock.
 
+use std::convert::Infallible;
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll};
@@ -16,9 +17,10 @@ use welkin_proto::volume::subscribe::{Subscription, VolumeClientMessage, VolumeS
 use welkin_proto::volume::{DecodeLimits, Receiver, Taken, VOLUME_VERSION, VolumeField};
 
 use crate::clock::Clock;
+use crate::connection::{End, Follower, SILENCE_LIMIT, follow, handshake, said, silent};
 use crate::error::ClientError;
 use crate::record::{Record, RecordKind};
-use crate::stream::{End, Next, SILENCE_LIMIT, handshake, pause_after};
+use crate::stream::Next;
 use crate::url::ServerUrl;
 
 /// Events that may wait for the reader; then the connection is not read either, and the server skips to the newest.
@@ -302,33 +304,13 @@ pub fn subscribe_and_record(
 ) -> Result<Volumes, ClientError> {
     let server = ServerUrl::parse(url)?;
     Ok(Volumes::from_source(move |source| {
-        follow(server, options, source, record)
+        follow(Following {
+            server,
+            options,
+            source,
+            record,
+        })
     }))
-}
-
-async fn follow(
-    server: ServerUrl,
-    mut options: VolumeOptions,
-    mut source: Source,
-    mut record: impl FnMut(Record<'_>) -> std::io::Result<()> + Send,
-) {
-    let mut failures = 0;
-    loop {
-        let ended = one_connection(&server, &mut options, &mut source, &mut failures, &mut record).await;
-        let Err(End::Error(error)) = ended else { return };
-        let pause = pause_after(failures, options.retry_first, options.retry_last);
-        failures += 1;
-        let next = if error.is_final() {
-            Next::Ends
-        } else {
-            Next::RetryIn(pause)
-        };
-        let told = source.sender.send(VolumeEvent::Error { error, next }).await;
-        if told.is_err() || next == Next::Ends {
-            return;
-        }
-        tokio::time::sleep(pause).await;
-    }
 }
 
 async fn say(socket: &mut WebSocketStream<TcpStream>, message: &VolumeClientMessage) -> Result<(), ClientError> {
@@ -337,102 +319,120 @@ async fn say(socket: &mut WebSocketStream<TcpStream>, message: &VolumeClientMess
     sent.map_err(|e| ClientError::Lost(e.to_string()))
 }
 
-async fn one_connection(
-    server: &ServerUrl,
-    options: &mut VolumeOptions,
-    source: &mut Source,
-    failures: &mut u32,
-    record: &mut impl FnMut(Record<'_>) -> std::io::Result<()>,
-) -> Result<(), End> {
-    let mut socket = handshake(server, options.world.as_deref(), "volume").await?;
-    let mut intake = source.intake(options.limits);
-    let mut pings = interval(PING_FIRST);
-    pings.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    let mut pinged = 0;
-    let silence = tokio::time::sleep(SILENCE_LIMIT);
-    tokio::pin!(silence);
-    loop {
-        let message = tokio::select! {
-            message = socket.next() => message,
-            () = source.sender.closed() => return Err(End::Unheard),
-            () = &mut silence => {
-                return Err(End::Error(ClientError::TimedOut { what: "sign of life", limit: SILENCE_LIMIT }));
-            }
-            wish = source.asked.recv() => {
-                let Some(wish) = wish else { return Err(End::Unheard) };
-                options.subscription = wish.clone();
-                say(&mut socket, &VolumeClientMessage::Subscribe(wish)).await?;
-                continue;
-            }
-            _ = pings.tick() => {
-                pinged += 1;
-                if pinged == PINGS_FIRST {
-                    pings = interval(PING_THEN);
-                    pings.set_missed_tick_behavior(MissedTickBehavior::Delay);
+/// One world's volumes.
+struct Following<R> {
+    server: ServerUrl,
+    options: VolumeOptions,
+    source: Source,
+    record: R,
+}
+
+impl<R> Follower for Following<R>
+where
+    R: FnMut(Record<'_>) -> std::io::Result<()> + Send,
+{
+    type Event = VolumeEvent;
+
+    fn sender(&self) -> &mpsc::Sender<VolumeEvent> {
+        &self.source.sender
+    }
+
+    fn pauses(&self) -> [Duration; 2] {
+        [self.options.retry_first, self.options.retry_last]
+    }
+
+    fn trouble(error: ClientError, next: Next) -> VolumeEvent {
+        VolumeEvent::Error { error, next }
+    }
+
+    async fn connect_once(&mut self, failures: &mut u32) -> Result<Infallible, End> {
+        let Self {
+            server,
+            options,
+            source,
+            record,
+        } = self;
+        let mut socket = handshake(server, options.world.as_deref(), "volume").await?;
+        let mut intake = source.intake(options.limits);
+        let mut pings = interval(PING_FIRST);
+        pings.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut pinged = 0;
+        let silence = tokio::time::sleep(SILENCE_LIMIT);
+        tokio::pin!(silence);
+        loop {
+            let message = tokio::select! {
+                message = socket.next() => message,
+                () = source.sender.closed() => return Err(End::Unheard),
+                () = &mut silence => {
+                    return Err(silent().into());
                 }
-                say(&mut socket, &VolumeClientMessage::Ping { client_s: source.now_s() }).await?;
-                continue;
+                wish = source.asked.recv() => {
+                    let Some(wish) = wish else { return Err(End::Unheard) };
+                    options.subscription = wish.clone();
+                    say(&mut socket, &VolumeClientMessage::Subscribe(wish)).await?;
+                    continue;
+                }
+                _ = pings.tick() => {
+                    pinged += 1;
+                    if pinged == PINGS_FIRST {
+                        pings = interval(PING_THEN);
+                        pings.set_missed_tick_behavior(MissedTickBehavior::Delay);
+                    }
+                    say(&mut socket, &VolumeClientMessage::Ping { client_s: source.now_s() }).await?;
+                    continue;
+                }
+            };
+            silence.as_mut().reset(tokio::time::Instant::now() + SILENCE_LIMIT);
+            let message = said(message)?;
+            let arrived_unix_s = unix_now_s();
+            let mut keep = |kind, data: &[u8]| {
+                let kept = record(Record {
+                    kind,
+                    arrived_unix_s,
+                    data,
+                });
+                kept.map_err(|e| ClientError::Recording(e.to_string()))
+            };
+            let understood = match &message {
+                Message::Text(text) => {
+                    keep(RecordKind::Text, text.as_bytes())?;
+                    intake.text(text, source.now_s())
+                }
+                Message::Binary(bytes) => {
+                    keep(RecordKind::Binary, bytes)?;
+                    intake.binary(bytes, arrived_unix_s)
+                }
+                Message::Ping(_) | Message::Pong(_) | Message::Frame(_) | Message::Close(_) => continue,
+            };
+            let event = match understood {
+                Ok(Understood::Nothing) => continue,
+                Ok(Understood::Reply(reply)) => {
+                    say(&mut socket, &reply).await?;
+                    continue;
+                }
+                Ok(Understood::Event(event)) => event,
+                Err(error @ ClientError::OtherProtocol { .. }) => return Err(error.into()),
+                Err(error) => VolumeEvent::Error {
+                    error,
+                    next: Next::GoesOn,
+                },
+            };
+            if let VolumeEvent::Hello(_) = event {
+                *failures = 0;
+                say(
+                    &mut socket,
+                    &VolumeClientMessage::Subscribe(options.subscription.clone()),
+                )
+                .await?;
             }
-        };
-        silence.as_mut().reset(tokio::time::Instant::now() + SILENCE_LIMIT);
-        let message = match message {
-            None => return Err(ClientError::Lost("closed without a word".to_owned()).into()),
-            Some(Err(error)) => return Err(ClientError::Lost(error.to_string()).into()),
-            Some(Ok(message)) => message,
-        };
-        let arrived_unix_s = unix_now_s();
-        let mut keep = |kind, data: &[u8]| {
-            let kept = record(Record {
-                kind,
-                arrived_unix_s,
-                data,
-            });
-            kept.map_err(|e| ClientError::Recording(e.to_string()))
-        };
-        let understood = match &message {
-            Message::Text(text) => {
-                keep(RecordKind::Text, text.as_bytes())?;
-                intake.text(text, source.now_s())
+            // A user who does not take events for a long time must not keep pongs from being sent for ever: reading stops, the server notices.
+            let sent = timeout(SILENCE_LIMIT, source.sender.send(event)).await;
+            match sent {
+                Ok(Ok(())) => {}
+                Ok(Err(_)) => return Err(End::Unheard),
+                Err(_) => return Err(ClientError::Lost("nobody took the events".to_owned()).into()),
             }
-            Message::Binary(bytes) => {
-                keep(RecordKind::Binary, bytes)?;
-                intake.binary(bytes, arrived_unix_s)
-            }
-            Message::Close(close) => {
-                let reason = close.as_ref().map(|c| c.reason.to_string()).filter(|r| !r.is_empty());
-                let reason = reason.unwrap_or_else(|| "closed by the server".to_owned());
-                return Err(ClientError::Lost(reason).into());
-            }
-            Message::Ping(_) | Message::Pong(_) | Message::Frame(_) => continue,
-        };
-        let event = match understood {
-            Ok(Understood::Nothing) => continue,
-            Ok(Understood::Reply(reply)) => {
-                say(&mut socket, &reply).await?;
-                continue;
-            }
-            Ok(Understood::Event(event)) => event,
-            Err(error @ ClientError::OtherProtocol { .. }) => return Err(error.into()),
-            Err(error) => VolumeEvent::Error {
-                error,
-                next: Next::GoesOn,
-            },
-        };
-        if let VolumeEvent::Hello(_) = event {
-            *failures = 0;
-            say(
-                &mut socket,
-                &VolumeClientMessage::Subscribe(options.subscription.clone()),
-            )
-            .await?;
+            silence.as_mut().reset(tokio::time::Instant::now() + SILENCE_LIMIT);
         }
-        // A user who does not take events for a long time must not keep pongs from being sent for ever: reading stops, the server notices.
-        let sent = timeout(SILENCE_LIMIT, source.sender.send(event)).await;
-        match sent {
-            Ok(Ok(())) => {}
-            Ok(Err(_)) => return Err(End::Unheard),
-            Err(_) => return Err(ClientError::Lost("nobody took the events".to_owned()).into()),
-        }
-        silence.as_mut().reset(tokio::time::Instant::now() + SILENCE_LIMIT);
     }
 }
