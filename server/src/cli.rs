@@ -23,6 +23,7 @@ use welkin_proto::{ApiError, Scene, presets};
 use crate::bench::BenchOptions;
 use crate::limits::Limits;
 use crate::machine::{Compute, Machine};
+use crate::priority;
 
 /// Exit code of a command that Ctrl-C has ended, as shells expect it.
 const INTERRUPTED: u8 = 130;
@@ -143,11 +144,14 @@ impl SceneFlags {
         Ok(scene)
     }
 
-    /// Gives rayon's shared pool, which the renderer runs on, the same number of threads.
-    fn size_pool(&self) {
-        if let Some(threads) = self.threads()
-            && let Err(error) = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()
-        {
+    /// Gives rayon's shared pool, which the renderer runs on, the same number of threads, as nice as told.
+    fn size_pool(&self, niceness: Option<i32>) {
+        let builder = rayon::ThreadPoolBuilder::new().num_threads(self.threads().unwrap_or(0));
+        let builder = match niceness {
+            Some(niceness) => builder.start_handler(move |_| priority::step_back(niceness)),
+            None => builder,
+        };
+        if let Err(error) = builder.build_global() {
             tracing::warn!(%error, "the renderer's threads are as they were");
         }
     }

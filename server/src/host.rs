@@ -23,11 +23,16 @@ use crate::machine::Machine;
 use crate::past_sky::PastSky;
 use crate::picture::{self, StageTime};
 use crate::watchdog::Fault;
-use crate::weather::{self, Desk, FieldSet, Past, Weather, WeatherInterest};
+use crate::weather::{self, Desk, FieldSet, Past, Reach, Weather, WeatherInterest};
 use crate::world::{Snapshot, World};
 
 /// While the world runs as fast as it can, it publishes when this much wall time has gone by.
 const PUBLISH_EVERY: Duration = Duration::from_millis(150);
+/// A tick that is done before its world's pace needs it is published when most ticks of late were done, so that publications follow each other evenly; but
+/// no later than this share of the period.
+const HOLD_SHARE_MAX: f64 = 0.8;
+/// How fast the time that ticks are held for falls when they take less.
+const HOLD_FALLS: f64 = 0.05;
 /// The measured speed is a mean over this much wall time.
 const SPEED_WINDOW: Duration = Duration::from_secs(4);
 
@@ -105,15 +110,15 @@ impl View {
         Looking(self.clone())
     }
 
-    /// Wants the world's whole weather: as long as the returned value lives, and [`LINGER`](crate::weather::LINGER) longer, each publication
-    /// carries it, and the first is made at once, also in a paused world.
+    /// Wants the world's whole weather, with the last moments: as long as the returned value lives, and [`LINGER`](crate::weather::LINGER) longer, each
+    /// publication carries it, and the first is made at once, also in a paused world.
     pub fn want_weather(&self) -> WeatherInterest {
-        self.want_fields(FieldSet::ALL)
+        self.want_fields(FieldSet::ALL, Reach::Past)
     }
 
-    /// The same for some of the state's fields, which saves the copies of the others.
-    pub fn want_fields(&self, fields: FieldSet) -> WeatherInterest {
-        let interest = self.desk.want(fields);
+    /// The same for some of the state's fields, which saves the copies of the others, and with or without the last moments.
+    pub fn want_fields(&self, fields: FieldSet, reach: Reach) -> WeatherInterest {
+        let interest = self.desk.want(fields, reach);
         let there = self.published.borrow().wanted.is_some_and(|w| w.covers(fields));
         if !there {
             // A world that has stopped closes `published`, which whoever waits for the weather sees.
@@ -363,6 +368,10 @@ struct Runner {
     paused: bool,
     time_scale: f64,
     speed: SpeedMeter,
+    /// What the slowest ticks of late took.
+    hold: Duration,
+    /// When the newest tick is to be published; none where it is.
+    publish_at: Option<Instant>,
 }
 
 impl Runner {
@@ -394,12 +403,15 @@ impl Runner {
             paused: false,
             time_scale,
             speed,
+            hold: Duration::ZERO,
+            publish_at: None,
         };
         runner.publish();
         (runner, published)
     }
 
     fn publish(&mut self) {
+        self.publish_at = None;
         self.world.settle();
         self.revision += 1;
         let spinning_up = self.world.spinning_up();
@@ -445,7 +457,12 @@ impl Runner {
         };
         self.changed = false;
         let weather = Arc::new(Weather::new(copied, self.revision));
-        let past = weather::remember(&last.past, &weather, self.desk.past_bytes_max());
+        let bytes_max = if self.desk.past_wanted() {
+            self.desk.past_bytes_max()
+        } else {
+            0
+        };
+        let past = weather::remember(&last.past, &weather, bytes_max);
         (Some(weather), past)
     }
 
@@ -459,12 +476,27 @@ impl Runner {
         }
     }
 
+    /// Publishes a tick that began then, or says when.
+    fn publish_evenly(&mut self, began: Instant, period: Duration) {
+        let took = began.elapsed();
+        self.hold = took.max(self.hold.mul_f64(1.0 - HOLD_FALLS) + took.mul_f64(HOLD_FALLS));
+        let at = began + self.hold.min(period.mul_f64(HOLD_SHARE_MAX));
+        if at > Instant::now() {
+            self.publish_at = Some(at);
+        } else {
+            self.publish();
+        }
+    }
+
     fn run(&mut self, orders: &mpsc::Receiver<Order>) {
         self.speed.mark(self.world.simulated_s());
         let mut tick_began: Option<Instant> = None;
         loop {
             // What a paused world waits for is the next order; a world that is ahead of its clock waits for whichever is first.
             let wait = match (self.paused, tick_began, self.period()) {
+                _ if self.publish_at.is_some() => {
+                    self.publish_at.map(|at| at.saturating_duration_since(Instant::now()))
+                }
                 (true, _, _) => self.lapse(),
                 (false, Some(began), Some(period)) => Some(period.saturating_sub(began.elapsed())),
                 (false, _, _) => Some(Duration::ZERO),
@@ -501,6 +533,7 @@ impl Runner {
                     self.obey(command);
                     self.publish();
                 }
+                Err(mpsc::RecvTimeoutError::Timeout) if self.publish_at.is_some() => self.publish(),
                 Err(mpsc::RecvTimeoutError::Timeout) if self.paused => {
                     // Those who wanted the weather of a standing world have been gone for long enough: its memory is given back.
                     if self.desk.wanted().is_none() {
@@ -528,9 +561,10 @@ impl Runner {
                         self.publish();
                         continue;
                     }
-                    let age = self.publisher.borrow().at.elapsed();
-                    if !flat_out || age >= PUBLISH_EVERY {
-                        self.publish();
+                    match self.period().filter(|_| !flat_out) {
+                        Some(period) => self.publish_evenly(tick_began.unwrap_or(now), period),
+                        None if self.publisher.borrow().at.elapsed() >= PUBLISH_EVERY => self.publish(),
+                        None => {}
                     }
                 }
             }

@@ -19,6 +19,7 @@ pub mod past_sky;
 pub mod picture;
 pub mod plan;
 pub mod plot;
+pub mod priority;
 pub mod sample;
 pub mod scenery;
 pub mod sun;

@@ -93,6 +93,10 @@ pub struct Limits {
     /// deleted. An open stream looks on; listing worlds does not.
     #[arg(long = "idle-world-timeout", value_name = "SECONDS", default_value_t = 1800.0)]
     pub idle_world_s: f64,
+    /// Lets pages of this origin, such as https://example.org, read what the server gives to read: documents, samples, volumes, pictures, the weather
+    /// service. `*` lets any. May be given again. Without it only the server's own page may; none but that may ever command.
+    #[arg(long = "cors-origin", value_name = "ORIGIN", value_parser = origin)]
+    pub cors_origins: Vec<String>,
     /// Most cells in a world; a cell costs about 200 bytes.
     #[arg(long = "max-cells", value_name = "N", default_value_t = 256 * 256 * 256)]
     pub cells_max: u64,
@@ -105,6 +109,25 @@ fn share(text: &str) -> Result<f64, String> {
         return Ok(share);
     }
     Err("a share is 0.01 to 1".to_owned())
+}
+
+/// Reads an origin as browsers send it, or `*`. Errors: in words.
+fn origin(text: &str) -> Result<String, String> {
+    let wrong = || {
+        "an origin is a scheme and a host, such as https://example.org or http://127.0.0.1:3000, without a path; or *"
+            .to_owned()
+    };
+    if text == "*" {
+        return Ok(text.to_owned());
+    }
+    let uri: axum::http::Uri = text.parse().map_err(|_| wrong())?;
+    let bare = matches!(uri.scheme_str(), Some("http" | "https")) && uri.path() == "/" && !text.ends_with('/');
+    match uri.authority() {
+        Some(authority) if bare && !authority.as_str().contains('@') && uri.query().is_none() => {
+            Ok(text.to_ascii_lowercase())
+        }
+        _ => Err(wrong()),
+    }
 }
 
 /// Reads a time. Errors: in words.
@@ -136,5 +159,30 @@ impl Default for Limits {
         }
         // The flags' defaults are the defaults: written once, above.
         <Defaults as clap::Parser>::parse_from(["defaults"]).limits
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn origins_are_read_or_refused() {
+        for good in ["*", "https://example.org", "http://127.0.0.1:3000", "http://[::1]:80"] {
+            assert_eq!(origin(good).as_deref(), Ok(good));
+        }
+        assert_eq!(origin("HTTPS://Example.org").as_deref(), Ok("https://example.org"));
+        for wrong in [
+            "example.org",
+            "https://",
+            "https://example.org/",
+            "https://example.org/page",
+            "ftp://x",
+            "https://a@b",
+            "",
+            "null",
+        ] {
+            assert!(origin(wrong).is_err(), "{wrong} was taken");
+        }
     }
 }

@@ -19,7 +19,7 @@ use welkin_proto::volume::{Bits, Compression, Encoder, Kind, Layout, Moment, Pla
 
 use crate::host::{Published, View};
 use crate::limits::Limits;
-use crate::weather::{self, FieldSet, WeatherInterest};
+use crate::weather::{self, FieldSet, Reach, WeatherInterest};
 
 /// The server's clock on the wire: Unix seconds when it started, and from then on time that only rises.
 #[derive(Clone, Copy, Debug)]
@@ -214,7 +214,7 @@ pub fn channels_of(published: &Published) -> Vec<Channel> {
 /// Keeps the weather coming that channels are derived from; the drawn cloud is published without.
 fn interest(world: &View, channels: &[Channel]) -> Option<WeatherInterest> {
     let derived = channels.iter().any(|channel| *channel != Channel::ExtinctionPerM);
-    derived.then(|| world.want_fields(FieldSet::of(channels)))
+    derived.then(|| world.want_fields(FieldSet::of(channels), Reach::Newest))
 }
 
 /// An encoder's error is a fault of ours: what is encoded was judged.

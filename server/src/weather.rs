@@ -354,18 +354,28 @@ pub fn remember(past: &[Arc<Weather>], newest: &Arc<Weather>, bytes_max: usize) 
     kept.into_iter().rev().chain([Arc::clone(newest)]).collect()
 }
 
+/// Which moments a wish is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reach {
+    /// The newest alone: volumes, pictures.
+    Newest,
+    /// The last ones too: whoever may name a tick or a time.
+    Past,
+}
+
 /// Counts who wants which fields of a world. Shared by the world's thread and its viewers; nobody ever waits for it.
 #[derive(Debug)]
 pub struct Desk {
-    /// Wishes by place in [`Field::STATE`], and all wishes.
-    wishes: [AtomicUsize; 6],
+    /// Wishes by place in [`Field::STATE`], all wishes, and those that reach back.
+    wishes: [AtomicUsize; 7],
     /// Until when, in milliseconds since `epoch`, a wish that has ended counts on.
-    until_ms: [AtomicU64; 6],
+    until_ms: [AtomicU64; 7],
     epoch: Instant,
     past_bytes_max: AtomicUsize,
 }
 
 const ANY: usize = Field::STATE.len();
+const BACK: usize = ANY + 1;
 
 impl Default for Desk {
     fn default() -> Self {
@@ -380,26 +390,33 @@ impl Default for Desk {
 
 impl Desk {
     /// Wants the fields until the wish is dropped, and for [`LINGER`] after.
-    pub fn want(self: &Arc<Self>, fields: FieldSet) -> WeatherInterest {
-        places(fields).for_each(|place| {
+    pub fn want(self: &Arc<Self>, fields: FieldSet, reach: Reach) -> WeatherInterest {
+        places(fields, reach).for_each(|place| {
             self.wishes[place].fetch_add(1, Ordering::SeqCst);
         });
         WeatherInterest {
             desk: Arc::clone(self),
             fields,
+            reach,
         }
+    }
+
+    fn is_wanted(&self, place: usize) -> bool {
+        let now_ms = self.epoch.elapsed().as_millis() as u64;
+        self.wishes[place].load(Ordering::SeqCst) > 0 || self.until_ms[place].load(Ordering::SeqCst) > now_ms
+    }
+
+    /// Whether somebody wants the last moments too.
+    pub fn past_wanted(&self) -> bool {
+        self.is_wanted(BACK)
     }
 
     /// The fields that are wanted now; none where nobody wants any weather.
     pub fn wanted(&self) -> Option<FieldSet> {
-        let now_ms = self.epoch.elapsed().as_millis() as u64;
-        let wanted = |place: usize| {
-            self.wishes[place].load(Ordering::SeqCst) > 0 || self.until_ms[place].load(Ordering::SeqCst) > now_ms
-        };
         let set = (0..ANY)
-            .filter(|&place| wanted(place))
+            .filter(|&place| self.is_wanted(place))
             .fold(0, |set, place| set | 1 << place);
-        wanted(ANY).then_some(FieldSet(set))
+        self.is_wanted(ANY).then_some(FieldSet(set))
     }
 
     /// How long the last wish that has ended counts on; none while one lives or where all are over.
@@ -420,8 +437,12 @@ impl Desk {
     }
 }
 
-fn places(fields: FieldSet) -> impl Iterator<Item = usize> {
-    (0..ANY).filter(move |&place| fields.has(place)).chain([ANY])
+fn places(fields: FieldSet, reach: Reach) -> impl Iterator<Item = usize> {
+    let back = (reach == Reach::Past).then_some(BACK);
+    (0..ANY)
+        .filter(move |&place| fields.has(place))
+        .chain([ANY])
+        .chain(back)
 }
 
 /// A wish for a world's weather, as long as it lives.
@@ -429,12 +450,13 @@ fn places(fields: FieldSet) -> impl Iterator<Item = usize> {
 pub struct WeatherInterest {
     desk: Arc<Desk>,
     fields: FieldSet,
+    reach: Reach,
 }
 
 impl Drop for WeatherInterest {
     fn drop(&mut self) {
         let until_ms = (self.desk.epoch.elapsed() + LINGER).as_millis() as u64;
-        places(self.fields).for_each(|place| {
+        places(self.fields, self.reach).for_each(|place| {
             self.desk.until_ms[place].fetch_max(until_ms, Ordering::SeqCst);
             self.desk.wishes[place].fetch_sub(1, Ordering::SeqCst);
         });

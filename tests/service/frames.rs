@@ -4,7 +4,7 @@ mod common;
 
 use std::time::{Duration, Instant};
 
-use common::{PATIENCE, Server, next, next_frame, next_of, say, scene, server};
+use common::{PATIENCE, Server, empty_server, next, next_frame, next_of, say, scene, server};
 use serde_json::{Value, json};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpSocket, TcpStream};
@@ -403,4 +403,54 @@ async fn a_frame_says_what_its_way_took() {
         (error["code"].as_str(), error["pointer"].as_str()),
         (Some("out_of_range"), Some("/header"))
     );
+}
+
+/// The niceness of this process's threads whose names begin so.
+#[cfg(target_os = "linux")]
+fn niceness(name: &str) -> Vec<i32> {
+    let tasks = std::fs::read_dir("/proc/self/task").unwrap();
+    // A thread may end between its listing and its reading.
+    let read = |task: std::io::Result<std::fs::DirEntry>| {
+        let path = task.ok()?.path();
+        let known = std::fs::read_to_string(path.join("comm")).ok()?;
+        let stat = std::fs::read_to_string(path.join("stat")).ok()?;
+        // The nineteenth field; the second is the name in brackets.
+        let nice = stat[stat.rfind(')')? + 2..].split(' ').nth(16)?.parse().ok()?;
+        known.starts_with(name).then_some(nice)
+    };
+    tasks.filter_map(read).collect()
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn drawing_and_serving_step_back_and_worlds_do_not() {
+    use welkin_server::priority::{DRAWING, SERVING, step_back};
+    // As `welkin serve` has it.
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .thread_name("serves")
+        .enable_all()
+        .on_thread_start(|| step_back(SERVING))
+        .build()
+        .unwrap();
+    runtime.block_on(async {
+        let server = empty_server(Limits::default()).await;
+        // By a request, so that a thread that has stepped back asks for it.
+        let made = server.post("/v1/worlds", &json!({ "scene": common::scene() })).await;
+        assert_eq!(made.status, 201, "{:?}", made.json());
+        assert_eq!(server.get("/v1/worlds/w1/frame?width=32&height=18").await.status, 200);
+        assert_eq!(server.get("/v1/worlds/w1/volume.bin").await.status, 200);
+        let own = std::fs::read_to_string(format!("/proc/self/task/{}/stat", std::process::id())).unwrap();
+        let base: i32 = own[own.rfind(')').unwrap() + 2..]
+            .split(' ')
+            .nth(16)
+            .unwrap()
+            .parse()
+            .unwrap();
+        for (threads, more) in [("world-", 0), ("render", DRAWING), ("serves", SERVING)] {
+            let seen = niceness(threads);
+            assert!(!seen.is_empty(), "{threads}");
+            assert!(seen.iter().all(|n| *n == (base + more).min(19)), "{threads}: {seen:?}");
+        }
+    });
 }

@@ -10,7 +10,7 @@ use welkin_proto::wire::Command;
 use welkin_proto::{Channel, Scene};
 use welkin_server::host::Host;
 use welkin_server::sample::{Moments, When, sample};
-use welkin_server::weather::{FieldSet, LINGER, Weather};
+use welkin_server::weather::{FieldSet, LINGER, Reach, Weather};
 use welkin_server::world::World;
 use welkin_shaders::catalogue::Field;
 
@@ -424,7 +424,7 @@ async fn weather_is_copied_for_those_who_want_it_and_for_nobody_else() {
     settled(&|| view.newest().snapshot.numbers.paused, common::PATIENCE).await;
     // A world that stands answers too, once, and with no more than was asked for.
     let water = FieldSet::of(&[Channel::TotalWaterKgKg]);
-    let wish = view.want_fields(water);
+    let wish = view.want_fields(water, Reach::Newest);
     let first = view.weather(water).await.unwrap();
     let weather = first.weather.as_ref().unwrap();
     assert_eq!(weather.tick, first.snapshot.numbers.tick);
@@ -435,6 +435,14 @@ async fn weather_is_copied_for_those_who_want_it_and_for_nobody_else() {
     view.command(serde_json::from_value(sun).unwrap()).unwrap();
     settled(&|| view.newest().revision > first.revision, common::PATIENCE).await;
     assert!(Arc::ptr_eq(view.newest().weather.as_ref().unwrap(), weather));
+    // Whoever wants the newest alone makes the world keep no more of it.
+    view.command(Command::Resume {}).unwrap();
+    settled(&|| view.newest().revision > first.revision + 6, common::PATIENCE).await;
+    let running = view.newest();
+    assert!(running.weather.as_ref().unwrap().tick > weather.tick);
+    assert_eq!(running.past.len(), 1);
+    view.command(Command::Pause {}).unwrap();
+    settled(&|| view.newest().snapshot.numbers.paused, common::PATIENCE).await;
     // More is copied for whoever wants more, and a wind that a command adds is seen.
     let more = view.want_weather();
     let second = view.weather(FieldSet::ALL).await.unwrap();

@@ -123,7 +123,7 @@ impl Options {
 
 pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
     let format = format_of(&options.output)?;
-    options.flags.size_pool();
+    options.flags.size_pool(None);
     if options.scene.starts_with("http://") {
         if options.paths.is_some() {
             return Err(Failure(

@@ -10,6 +10,7 @@ use welkin_proto::{Scene, presets};
 use super::{Failure, Outcome, SceneFlags, print_line};
 use crate::http::{AppState, serve_until};
 use crate::limits::Limits;
+use crate::priority;
 
 pub(super) const EXAMPLES: &str = "\
 Examples:
@@ -33,9 +34,12 @@ pub(super) struct Options {
 }
 
 pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
-    options.flags.size_pool();
+    options.flags.size_pool(Some(priority::DRAWING));
     let scene = options.flags.load(&options.scene, &options.limits.scene())?;
-    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build();
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .on_thread_start(|| priority::step_back(priority::SERVING))
+        .build();
     let runtime = runtime.map_err(|error| Failure(format!("cannot start the async runtime: {error}")))?;
     runtime.block_on(serve(options, scene))
 }

@@ -22,6 +22,7 @@ use super::View;
 use crate::machine::Compute;
 use crate::past_sky::KeptSky;
 use crate::picture::{self, Picture, Renderer};
+use crate::priority;
 
 /// Pictures kept for viewers who ask for the one just made, in another coding or at the same tick.
 const PICTURES_KEPT: usize = 4;
@@ -260,6 +261,7 @@ struct Kept {
 }
 
 fn render_loop(shared: &Shared, compute: Compute) {
+    priority::step_back(priority::DRAWING);
     let mut kept = Kept {
         compute,
         renderers: HashMap::new(),

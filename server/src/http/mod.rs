@@ -2,6 +2,7 @@
 //! made, so that no path can be served and be missing in the document.
 
 mod checks;
+mod cors;
 mod edr;
 mod error;
 mod extract;
@@ -110,13 +111,20 @@ pub fn router(state: AppState) -> Router {
         .and(NotForContentType::IMAGES)
         .and(NotForContentType::new("multipart/x-mixed-replace"))
         .and(NotForContentType::new("application/octet-stream"));
-    routes()
+    let origins = state.limits().cors_origins.clone();
+    let router = routes()
         .into_iter()
         .fold(Router::new(), |router, route| router.route(route.path, route.handler))
         .fallback(not_found)
         .method_not_allowed_fallback(method_not_allowed)
         .layer(DefaultBodyLimit::max(body_bytes_max))
-        .layer(map_response(no_sniffing))
+        .layer(map_response(no_sniffing));
+    let router = if origins.is_empty() {
+        router
+    } else {
+        router.layer(cors::layer(&origins))
+    };
+    router
         .layer(CompressionLayer::new().compress_when(compressed))
         .layer(TraceLayer::new_for_http())
         .with_state(state)

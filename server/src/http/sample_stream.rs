@@ -27,7 +27,7 @@ use super::socket::{self, Connection, End, Incoming};
 use super::state::AppState;
 use crate::host::View;
 use crate::sample::{self, Moments, When};
-use crate::weather::{FieldSet, WeatherInterest};
+use crate::weather::{FieldSet, Reach, WeatherInterest};
 
 /// After an answer that failed, the next try is this much later.
 const AFTER_FAILURE: Duration = Duration::from_secs(1);
@@ -145,7 +145,7 @@ impl Stream {
                     between: Duration::from_secs_f64(1.0 / rate_hz),
                     format,
                     fields,
-                    _interest: self.world.want_fields(fields),
+                    _interest: self.world.want_fields(fields, Reach::Newest),
                 });
                 self.due = Instant::now();
                 Ok(())

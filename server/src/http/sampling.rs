@@ -11,7 +11,7 @@ use super::error::internal;
 use super::state::AppState;
 use crate::host::View;
 use crate::sample::{self, Moments, When};
-use crate::weather::{FieldSet, Weather};
+use crate::weather::{FieldSet, Reach, Weather};
 
 /// The channels that were named; `None` stands for all. Pointers `/channels`, `/channels/0`, ...
 ///
@@ -168,7 +168,7 @@ pub fn along(corners: &[[f64; 3]], step_m: f64, most: usize) -> Result<(Vec<[f64
 ///
 /// Errors: those of [`View::weather`] and [`Moments::find`].
 pub async fn moments(view: &View, fields: FieldSet, when: When) -> Result<Moments, ApiError> {
-    let _interest = view.want_fields(fields);
+    let _interest = view.want_fields(fields, Reach::Past);
     let published = view.weather(fields).await?;
     Moments::find(&published.past, when)
 }

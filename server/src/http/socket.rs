@@ -14,6 +14,7 @@ use serde::Serialize;
 use tokio::time::{Instant, Interval, MissedTickBehavior, interval, timeout};
 use welkin_proto::ApiError;
 
+use super::cors;
 use super::error::Refusal;
 use super::extract::WorldOf;
 use super::route::{Place, Route};
@@ -56,7 +57,13 @@ where
     let world = host.view().clone();
     drop(host);
     let (mut parts, _) = request.into_parts();
-    refuse_foreign_origin(&parts.headers)?;
+    // Who may read may have volumes and samples streamed; commands are for the server's own pages.
+    let readers: &[String] = if parts.uri.path().ends_with("/stream") {
+        &[]
+    } else {
+        &state.limits().cors_origins
+    };
+    refuse_foreign_origin(&parts.headers, readers)?;
     let upgrade = WebSocketUpgrade::from_request_parts(&mut parts, &state).await;
     let upgrade = upgrade.map_err(|e| ApiError::new("upgrade_required", e.body_text()))?;
     let permit = state.open_stream()?;
@@ -85,7 +92,7 @@ where
 
 /// A page of another site must not command a world through its visitor's browser. Browsers always say where a page
 /// came from; programs that are no browsers say nothing.
-fn refuse_foreign_origin(headers: &HeaderMap) -> Result<(), ApiError> {
+fn refuse_foreign_origin(headers: &HeaderMap, readers: &[String]) -> Result<(), ApiError> {
     let text = |name| {
         headers
             .get(name)
@@ -95,12 +102,13 @@ fn refuse_foreign_origin(headers: &HeaderMap) -> Result<(), ApiError> {
         return Ok(());
     };
     let authority = origin.split_once("://").map_or(origin, |(_, authority)| authority);
-    if text(header::HOST).is_some_and(|host| host.eq_ignore_ascii_case(authority)) {
+    let own = text(header::HOST).is_some_and(|host| host.eq_ignore_ascii_case(authority));
+    if own || cors::names(readers, origin) {
         return Ok(());
     }
     Err(ApiError::new(
         "foreign_origin",
-        "the stream is open to pages of this server only",
+        "the stream is open to pages of this server only, and of those that it was told of",
     ))
 }
 

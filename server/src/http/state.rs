@@ -2,10 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
 use std::time::{Duration, Instant};
 
-use tokio::sync::Semaphore;
+use tokio::sync::{Semaphore, oneshot};
 use welkin_proto::{ApiError, Scene};
 
 use super::error::internal;
@@ -36,6 +36,7 @@ struct Shared {
     samplings: Arc<Semaphore>,
     renderer: RenderService,
     volumes: VolumeService,
+    starter: Starter,
 }
 
 #[derive(Default)]
@@ -45,6 +46,54 @@ struct Worlds {
     passing: BTreeSet<u64>,
     starting: usize,
     made: u64,
+}
+
+/// Starts worlds from a thread that has not stepped back ([`crate::priority`]): a world's threads inherit the priority of whoever starts them.
+struct Starter {
+    orders: mpsc::Sender<Start>,
+}
+
+struct Start {
+    name: String,
+    scene: Scene,
+    machine: Machine,
+    started: oneshot::Sender<Result<Host, ApiError>>,
+}
+
+impl Starter {
+    /// The thread inherits the caller's priority and ends with the server. Errors: those of the operating system.
+    fn new() -> std::io::Result<Self> {
+        let (orders, asked) = mpsc::channel::<Start>();
+        let serve = move || {
+            for start in asked {
+                let failed = start.name.clone();
+                let work = move || {
+                    let host = Host::spawn(&start.name, start.scene, start.machine);
+                    let _ = start.started.send(host); // a server that has stopped needs no world
+                };
+                // A thread each: a large world takes long to begin, and others need not wait for it. The answer of one that
+                // cannot be started is its sender's end.
+                if let Err(error) = std::thread::Builder::new().name("world-start".into()).spawn(work) {
+                    tracing::error!(%error, world = failed, "cannot start a thread for a world");
+                }
+            }
+        };
+        std::thread::Builder::new().name("starter".into()).spawn(serve)?;
+        Ok(Self { orders })
+    }
+
+    /// Errors: those of [`Host::spawn`].
+    async fn start(&self, name: String, scene: Scene, machine: Machine) -> Result<Host, ApiError> {
+        let (started, host) = oneshot::channel();
+        let order = Start {
+            name,
+            scene,
+            machine,
+            started,
+        };
+        self.orders.send(order).map_err(internal)?;
+        host.await.map_err(internal)?
+    }
 }
 
 /// Counts a stream as long as it lives.
@@ -71,6 +120,7 @@ impl AppState {
             renders: Arc::new(Semaphore::new(limits.renders_max)),
             samplings: Arc::new(Semaphore::new(limits.samplings_max)),
             volumes: VolumeService::default(),
+            starter: Starter::new().map_err(internal)?,
             limits,
         };
         Ok(Self {
@@ -171,8 +221,7 @@ impl AppState {
         // The reservation is given back here and nowhere else: this task runs to its end even if the client leaves.
         let state = self.clone();
         let started = tokio::spawn(async move {
-            let host = tokio::task::spawn_blocking(move || Host::spawn(&name, scene, machine)).await;
-            let host = host.map_err(internal).and_then(|host| host).map(Arc::new);
+            let host = state.shared.starter.start(name, scene, machine).await.map(Arc::new);
             let mut worlds = state.worlds_locked();
             worlds.starting -= 1;
             if let Ok(host) = &host {

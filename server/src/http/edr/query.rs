@@ -10,7 +10,7 @@ use crate::host::View;
 use crate::http::query::{invalid, number, unknown};
 use crate::http::sampling::{self, Chosen};
 use crate::sample::{self, Moments, When};
-use crate::weather::Weather;
+use crate::weather::{Reach, Weather};
 
 /// Times this near to the oldest or newest that is kept are taken as that one, s: texts have milliseconds.
 const SLACK_S: f64 = 2e-3;
@@ -188,7 +188,7 @@ fn parse_times(value: &str) -> Result<Times, ApiError> {
 /// Weather for a query, waiting for it where nobody wanted any until now.
 pub async fn past(view: &View, quantities: &[Quantity]) -> Result<Arc<[Arc<Weather>]>, ApiError> {
     let fields = sample::fields_of(quantities);
-    let _interest = view.want_fields(fields);
+    let _interest = view.want_fields(fields, Reach::Past);
     let published = view.weather(fields).await?;
     Ok(Arc::clone(&published.past))
 }
