@@ -266,6 +266,11 @@ export class LocalSky {
       /** @type {Scenery} */
       const scenery = await request("GET", `/v1/worlds/${encodeURIComponent(world)}/scenery`);
       if (this.world === world && JSON.stringify(scenery) !== JSON.stringify(this.scenery)) {
+        if (scenery.server_draws) {
+          this.stop();
+          this.handlers.trouble(scenery.server_draws);
+          return;
+        }
         await this.learnStars(world, scenery);
         this.scenery = scenery;
         this.changed();

@@ -116,6 +116,8 @@ export interface ShaderStruct {
 /** What a world tells the kernels, as `GET /v1/worlds/{id}/scenery` gives it. */
 export interface Scenery {
   uniforms: Record<"Air" | "SkyView" | "SkyLightAsk" | "SunMarch" | "ViewFrame", Record<string, number | number[]>>;
+  /** Why these kernels cannot draw this world; absent where they can. */
+  server_draws?: string | null;
   /** Absent where no stars are drawn; the words are at `/v1/worlds/{id}/stars.bin`. */
   stars?: { latitude_deg: number; faintest_magnitude: number; years_since_2000: number } | null;
 }

@@ -71,6 +71,8 @@ pub struct Methods {
     pub advection: Option<Advection>,
     /// How the mass flux is freed of divergence. Needs the effect `flow`.
     pub pressure: Option<Pressure>,
+    /// How the clear sky by the sun is made; `scattering_tables` unless named.
+    pub sky: Option<Sky>,
 }
 
 /// See [`Methods::advection`]; cheapest first.
@@ -85,6 +87,19 @@ pub enum Advection {
     SemiLagrangianCubic,
     /// Flux form of fifth order with three-stage Runge-Kutta: conserves.
     FluxForm,
+}
+
+/// See [`Methods::sky`]; cheapest first. The formulas hold for a sun above the horizon and a viewer near the ground: as the sun sinks from 5 to 0 degrees they give way to the
+/// tables, which also make the haze before clouds and ground, the moon's sky and the night.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Sky {
+    /// Preetham, Shirley and Smits (1999): turbidities from 1.7 to 10.
+    Preetham,
+    /// Hosek and Wilkie (2012): turbidities from 1 to 10, and the ground's albedo.
+    HosekWilkie,
+    /// Look-up tables after Hillaire (2020): any sun, any height.
+    ScatteringTables,
 }
 
 /// See [`Methods::pressure`].

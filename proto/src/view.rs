@@ -94,6 +94,9 @@ pub struct Scenery {
     /// Values of members of uniforms, by struct and member. Of `ViewFrame.detail_offset_m` the air's displacement is still to be taken away, modulo
     /// one over `detail_tiles_per_m`.
     pub uniforms: BTreeMap<String, BTreeMap<String, UniformValue>>,
+    /// Why pictures of this world cannot be drawn by these kernels alone; absent where they can.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub server_draws: Option<String>,
     /// Where the stars are drawn; absent where the scene has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stars: Option<SceneryStars>,

@@ -1,6 +1,6 @@
 //! Which rung of each ladder a scene gets, and why.
 
-use welkin_proto::scene::{Accuracy, Advection, Pressure};
+use welkin_proto::scene::{Accuracy, Advection, Pressure, Sky};
 use welkin_proto::{ApiError, Scene};
 use welkin_shaders::catalogue::{Ladder, Rung};
 use welkin_shaders::cpu::sim::parameters::{Methods, PressureMethod};
@@ -57,6 +57,14 @@ fn pressure_method(pressure: &Pressure) -> PressureMethod {
             relaxation: relaxation as f32,
         },
         Pressure::Multigrid { cycles } => PressureMethod::Multigrid { cycles },
+    }
+}
+
+fn sky_rung(sky: Sky) -> Rung {
+    match sky {
+        Sky::Preetham => Rung::Preetham,
+        Sky::HosekWilkie => Rung::HosekWilkie,
+        Sky::ScatteringTables => Rung::ScatteringTables,
     }
 }
 
@@ -144,6 +152,11 @@ pub fn choose(scene: &Scene) -> Result<Chosen, ApiError> {
         rung,
         why: why.to_owned(),
     });
+    let (rung, why) = match scene.methods.sky {
+        Some(named) => (sky_rung(named), "the scene names it".to_owned()),
+        None => (Rung::ScatteringTables, by_accuracy),
+    };
+    choices.push(Choice { rung, why });
     debug_assert!(choices.windows(2).all(|c| order(c[0].rung) < order(c[1].rung)));
     Ok(Chosen {
         choices,

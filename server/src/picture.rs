@@ -9,6 +9,7 @@ use welkin_proto::scene::{self, Scene};
 use welkin_proto::wire::{FrameFormat, PlanReport};
 use welkin_proto::{ApiError, Camera};
 use welkin_shaders::CloudVolume;
+use welkin_shaders::cpu::light::analytic_sky::SkyMethod;
 use welkin_shaders::cpu::light::path_tracer::Film;
 use welkin_shaders::cpu::light::phase_table::PhaseChoice;
 use welkin_shaders::cpu::view as cpu_view;
@@ -207,6 +208,11 @@ pub fn settings(snapshot: &Snapshot, scene: &Scene, camera: &Camera, [width, hei
         visibility_m: effects.aerial_perspective.as_ref().map(|a| a.visibility_m as f32),
         seed: scene.seed,
         surface_altitude_m: scene.domain.surface_altitude_m as f32,
+        sky: match scene.methods.sky {
+            Some(scene::Sky::Preetham) => SkyMethod::Preetham,
+            Some(scene::Sky::HosekWilkie) => SkyMethod::HosekWilkie,
+            Some(scene::Sky::ScatteringTables) | None => SkyMethod::ScatteringTables,
+        },
         moon: moon::of_scene(scene, unix_s).map(|moon| MoonPlace {
             direction: moon::direction(&moon),
             distance_m: moon.distance_m as f32,

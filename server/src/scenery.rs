@@ -7,6 +7,7 @@ use welkin_proto::view::{
     UniformValue, ViewShaders,
 };
 use welkin_proto::{ApiError, Camera};
+use welkin_shaders::cpu::light::analytic_sky::SkyMethod;
 use welkin_shaders::cpu::light::stars::StarTable;
 use welkin_shaders::gpu::Bind;
 use welkin_shaders::gpu::view_kernels::{VIEW_KERNELS, VIEW_STRUCTS, reflect, view_constants};
@@ -136,6 +137,10 @@ pub fn scenery(snapshot: &Snapshot) -> Scenery {
     let scene = &snapshot.scene;
     Scenery {
         uniforms: uniforms.collect(),
+        server_draws: (look.sky != SkyMethod::ScatteringTables).then(|| {
+            let rung = "its sky is a formula's, which the server computes (methods.sky)";
+            rung.to_owned()
+        }),
         stars: scene.effects.stars.as_ref().map(|stars| SceneryStars {
             latitude_deg: scene.domain.latitude_deg,
             faintest_magnitude: stars.faintest_magnitude,

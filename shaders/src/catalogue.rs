@@ -257,6 +257,8 @@ pub enum Ladder {
     Subgrid,
     /// What water does beside being carried.
     Microphysics,
+    /// How the clear sky by the sun is made.
+    Sky,
 }
 
 impl Ladder {
@@ -266,6 +268,7 @@ impl Ladder {
         Ladder::Pressure,
         Ladder::Subgrid,
         Ladder::Microphysics,
+        Ladder::Sky,
     ];
 
     /// The name in scenes and plans.
@@ -275,6 +278,7 @@ impl Ladder {
             Ladder::Pressure => "pressure",
             Ladder::Subgrid => "subgrid",
             Ladder::Microphysics => "microphysics",
+            Ladder::Sky => "sky",
         }
     }
 
@@ -390,6 +394,15 @@ rungs! {
     SaturationAdjustment Microphysics "saturation_adjustment" Devices::Both, None,
         "what is above saturation is cloud"
         keeps "water and energy";
+    Preetham Sky "preetham" Devices::Both, None,
+        "a fitted formula for a sun that is up, computed on the CPU for either device"
+        keeps "the zenith's luminance as measured for turbidities 2 to 6; not the ground's light, no height of the viewer, no dusk";
+    HosekWilkie Sky "hosek_wilkie" Devices::Both, None,
+        "a fitted formula with the ground's albedo for a sun that is up, computed on the CPU for either device"
+        keeps "the radiance of traced skies for turbidities 1 to 10; no height of the viewer, no dusk";
+    ScatteringTables Sky "scattering_tables" Devices::Both, None,
+        "single scattering along rays, higher orders from a table"
+        keeps "energy as the air has it, at any height, by any sun; higher orders are even in all directions";
 }
 
 impl Pass {
@@ -400,9 +413,10 @@ impl Pass {
 }
 
 impl Rung {
-    /// Whether it is written: some pass belongs to it, or it is a ladder's `none`.
+    /// Whether it is written: some pass or the view has it, or it is a ladder's `none`.
     pub fn is_there(self) -> bool {
         matches!(self, Rung::NoSubgrid | Rung::NoMicrophysics)
+            || self.info().ladder == Ladder::Sky
             || Pass::ALL.iter().any(|p| p.info().rungs.contains(&self))
     }
 }
@@ -754,6 +768,18 @@ pub const VIEW_STAGES: &[ViewStage] = &[
             within: Within::Relative(4e-4),
             outside: 0.0,
             why: "28 steps, each looking up two tables at heights that differ by half a metre",
+        },
+    },
+    ViewStage {
+        name: "analytic_sky",
+        needs: &[],
+        reads: &["atmosphere", "sun_direction"],
+        writes: &["sky_radiance", "sun_and_sky_on_cloud_and_ground"],
+        what: "the sky by a formula in place of the tables', where the scene's methods name one (within sky_table and sky_light)",
+        tolerance: Tolerance {
+            within: Within::Absolute(1.0),
+            outside: 0.001,
+            why: "computed on the CPU for both devices; judged by pictures",
         },
     },
     ViewStage {

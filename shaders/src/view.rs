@@ -4,6 +4,7 @@ use glam::{DQuat, DVec3, Vec3};
 
 use crate::CloudVolume;
 use crate::cpu::light::Atmosphere;
+use crate::cpu::light::analytic_sky::{AnalyticSky, SkyMethod};
 use crate::cpu::light::moon::MoonLook;
 use crate::cpu::light::phase::Droplets;
 use crate::cpu::light::sky_table::SkySource;
@@ -96,6 +97,8 @@ pub struct ViewSettings {
     pub moon: Option<MoonPlace>,
     /// The stars, if wanted.
     pub stars: Option<StarPlaces>,
+    /// How the clear sky by the sun is made.
+    pub sky: SkyMethod,
 }
 
 /// Detail noise of a frame.
@@ -123,6 +126,8 @@ pub type SunLightKey = (u64, bool, [f32; 3]);
 pub struct Sources {
     /// The sun, and the night sky's own light.
     pub sun: SkySource,
+    /// A formula in place of the tables, while the sun is up.
+    pub analytic: Option<AnalyticSky>,
     /// The moon, where its light is worth a sky, and the share of its beam that is let in.
     pub moon: Option<(SkySource, f32)>,
 }
@@ -151,6 +156,8 @@ pub struct Look {
     pub stars: Option<StarPlaces>,
     /// Whether pictures adapt to the dark.
     pub night: bool,
+    /// How the clear sky by the sun is made.
+    pub sky: SkyMethod,
     /// Factor on the exposure.
     pub exposure_gain: f32,
     /// The clear air.
@@ -194,6 +201,7 @@ impl Look {
             table_beam: table_direction(beam_direction),
             stars: settings.stars.filter(|_| sun[2] < STARS_SUN_SINE),
             night: settings.moon.is_some() || settings.stars.is_some(),
+            sky: settings.sky,
             exposure_gain: tone_map::exposure_gain(settings.exposure_ev),
             air: Atmosphere::new(settings.surface_altitude_m, settings.visibility_m),
             ground: settings.ground,
@@ -211,6 +219,9 @@ impl Look {
         let moon = self.moon.filter(|m| m.lights_sky);
         Sources {
             sun: SkySource::sun(self.table_sun, self.night),
+            // The formula and the moon's sky are never there together: the one has the sun up, the other down.
+            analytic: AnalyticSky::new(self.sky, &self.air, self.ground.albedo(), self.table_sun)
+                .filter(|_| self.sun_direction[2] >= 0.0),
             moon: moon.map(|m| {
                 (
                     SkySource::moon(table_direction(m.direction), m.irradiance),

@@ -178,6 +178,7 @@ fn a_plan_runs_one_rung_of_each_ladder_and_says_why() {
             ("pressure", "direct", "accuracy balanced"),
             ("subgrid", "smagorinsky_lilly", "effect turbulence"),
             ("microphysics", "saturation_adjustment", "effect moisture"),
+            ("sky", "scattering_tables", "accuracy balanced"),
         ]
     );
     assert_eq!(report.courant_max, Some(1.0));
@@ -201,7 +202,7 @@ fn a_plan_runs_one_rung_of_each_ladder_and_says_why() {
     assert_eq!(chosen.courant_max, None);
     assert_eq!(
         chosen.choices.iter().map(|c| c.rung).collect::<Vec<_>>(),
-        [Rung::NoSubgrid, Rung::NoMicrophysics]
+        [Rung::NoSubgrid, Rung::NoMicrophysics, Rung::ScatteringTables]
     );
 }
 

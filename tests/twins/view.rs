@@ -18,6 +18,7 @@ use welkin_server::picture::{self, Renderer};
 use welkin_server::world::World;
 use welkin_shaders::catalogue::{VIEW_STAGES, Within};
 use welkin_shaders::cpu::light::Atmosphere;
+use welkin_shaders::cpu::light::analytic_sky::SkyMethod;
 use welkin_shaders::cpu::light::multiple_scattering_table::MultipleScatteringTable;
 use welkin_shaders::cpu::light::sky_light::SkyLight;
 use welkin_shaders::cpu::light::sky_table::{SkySource, SkyTable};
@@ -169,7 +170,7 @@ fn sky_table(bench: &mut Bench) -> Vec<Pair> {
         .map(|height_m| {
             let sun = bench.sun();
             let source = SkySource::sun(sun, height_m > 100.0);
-            let cpu = SkyTable::new(&air, &transmittance, &multiple, &source, height_m);
+            let cpu = SkyTable::new(&air, &transmittance, &multiple, &source, None, height_m);
             let table = bench.poisoned(ViewStages::SKY_BYTES);
             let (air, view) = (bench.uniform(&Air::new(&air)), SkyView::new(&source, height_m));
             bench
@@ -197,7 +198,17 @@ fn sky_light(bench: &mut Bench) -> Vec<Pair> {
             let source = SkySource::sun(sun, ground == Ground::Sea);
             let moon = SkySource::moon(bench.sun(), [2.9e-6, 2.5e-6, 2e-6]);
             let share = [0.0, 0.7][usize::from(ground == Ground::Sea)];
-            let of = |source| SkyLight::new(&air, &transmittance, &multiple, ground.albedo(), source, base_top_m);
+            let of = |source| {
+                SkyLight::new(
+                    &air,
+                    &transmittance,
+                    &multiple,
+                    ground.albedo(),
+                    source,
+                    None,
+                    base_top_m,
+                )
+            };
             let cpu = of(&source).with_moon(&of(&moon), share, ground.albedo(), moon.direction[2]);
             let values = bench.stages.sky_light_buffer().unwrap();
             bench.poison(&values);
@@ -548,6 +559,21 @@ fn tone_map(bench: &mut Bench) -> Vec<Pair> {
     pictures(bench, None, &views)
 }
 
+fn analytic_sky(bench: &mut Bench) -> Vec<Pair> {
+    let by = |sky, elevation| {
+        changed(|v| {
+            v.sky = sky;
+            v.sun_direction = sun(elevation, 60.0);
+        })
+    };
+    let views = [
+        ("Preetham's sky", by(SkyMethod::Preetham, 40.0)),
+        ("Hosek and Wilkie's sky", by(SkyMethod::HosekWilkie, 40.0)),
+        ("half way to the tables", by(SkyMethod::HosekWilkie, 1.5)),
+    ];
+    pictures(bench, Some(&cumulus_field(9, 8)), &views)
+}
+
 fn by_night(change: impl FnOnce(&mut ViewSettings)) -> ViewSettings {
     changed(|v| {
         v.sun_direction = sun(-25.0, 200.0);
@@ -606,6 +632,7 @@ const CASES: &[Case] = &[
     ("transmittance_table", transmittance_table),
     ("multiple_scattering_table", multiple_scattering_table),
     ("sky_table", sky_table),
+    ("analytic_sky", analytic_sky),
     ("sky_light", sky_light),
     ("shape", shape),
     ("occupancy", occupancy),

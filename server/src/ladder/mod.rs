@@ -208,7 +208,7 @@ pub fn contenders(ladder: Ladder) -> Vec<Contender> {
                 }
             }
             Ladder::Pressure => with_settings(PRESSURE_SETTINGS, &plain, &mut all),
-            Ladder::Subgrid | Ladder::Microphysics => with_settings(SUBGRID_SETTINGS, &plain, &mut all),
+            Ladder::Subgrid | Ladder::Microphysics | Ladder::Sky => with_settings(SUBGRID_SETTINGS, &plain, &mut all),
         }
     }
     all
@@ -274,6 +274,7 @@ impl Contender {
                 }
                 document["methods"]["pressure"] = method;
             }
+            Ladder::Sky => document["methods"]["sky"] = json!(name),
             Ladder::Subgrid | Ladder::Microphysics => {
                 let own = effect_of(self.rung);
                 for rung in self.ladder.rungs() {

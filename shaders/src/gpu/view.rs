@@ -5,12 +5,15 @@
 
 use std::sync::Arc;
 
-use super::view_stages::{Air, ShapeGrid, SkyLightAsk, SkyView, SunMarch, ViewFrame, ViewStages};
+use super::view_stages::{Air, ShapeGrid, SkyLightAsk, SkyLightValues, SkyView, SunMarch, ViewFrame, ViewStages};
 use super::{Context, GpuError};
 use crate::CloudVolume;
-use crate::cpu::light::sky_table::{horizon_sine, sun_azimuth};
+use crate::cpu::light::multiple_scattering_table::MultipleScatteringTable;
+use crate::cpu::light::sky_light::SkyLight;
+use crate::cpu::light::sky_table::{SkyTable, horizon_sine, sun_azimuth};
 use crate::cpu::light::stars::StarTable;
 use crate::cpu::light::sun_optical_depth::marched_direction;
+use crate::cpu::light::transmittance_table::TransmittanceTable;
 use crate::cpu::view::haze::Haze;
 use crate::view::{Ground, LightKey, Look, SkyKey, Slab, SunLightKey, ViewSettings, fingerprint};
 
@@ -62,6 +65,11 @@ pub struct GpuView {
     blank: wgpu::Buffer,
     noise: Option<wgpu::Buffer>,
     air: Option<(crate::cpu::light::Atmosphere, AirTables)>,
+    formula_air: Option<(
+        crate::cpu::light::Atmosphere,
+        TransmittanceTable,
+        MultipleScatteringTable,
+    )>,
     sky: Option<(SkyKey, wgpu::Buffer)>,
     light: Option<(LightKey, wgpu::Buffer)>,
     stars: Option<([f32; 2], wgpu::Buffer)>,
@@ -89,6 +97,7 @@ impl GpuView {
             blank,
             noise: None,
             air: None,
+            formula_air: None,
             sky: None,
             light: None,
             stars: None,
@@ -132,6 +141,7 @@ impl GpuView {
         self.prepare_air(&look, after)?;
         let key = volume.map_or(0, fingerprint);
         self.prepare_shape(key, volume, after)?;
+        self.prepare_formula_air(&look);
         self.prepare_sky(&look, after)?;
         self.prepare_stars(&look, after)?;
         self.prepare_light(&look, after)?;
@@ -194,10 +204,30 @@ impl GpuView {
             self.stages
                 .sky_table(&air.air, view, &air.transmittance, &air.multiple, &table)?;
         }
+        if let (Some(formula), Some((air, transmittance, multiple))) = (&sources.analytic, &self.formula_air) {
+            // The sun is up, so the moon has no sky: nothing of the table is the GPU's own.
+            let height_m = look.position_m[2];
+            let made = SkyTable::new(air, transmittance, multiple, &sources.sun, Some(formula), height_m);
+            let [red, green, blue] = made.planes();
+            let texels: Vec<[f32; 4]> = (0..red.len()).map(|n| [red[n], green[n], blue[n], 0.0]).collect();
+            self.context
+                .queue
+                .write_buffer(&table, 0, bytemuck::cast_slice(&texels));
+        }
         self.context.wait()?;
         self.sky = Some((key, table));
         after("sky_table");
         Ok(())
+    }
+
+    /// The air's tables on the CPU, where a formula's sky is made there.
+    fn prepare_formula_air(&mut self, look: &Look) {
+        let made = self.formula_air.as_ref().is_some_and(|(air, ..)| *air == look.air);
+        if look.sources().analytic.is_some() && !made {
+            let transmittance = TransmittanceTable::new(&look.air);
+            let multiple = MultipleScatteringTable::new(&look.air, &transmittance);
+            self.formula_air = Some((look.air, transmittance, multiple));
+        }
     }
 
     fn prepare_stars(&mut self, look: &Look, after: &mut dyn FnMut(&'static str)) -> Result<(), GpuError> {
@@ -231,6 +261,20 @@ impl GpuView {
         for ask in &asks {
             self.stages
                 .sky_light(&air.air, ask, &air.transmittance, &air.multiple, &values)?;
+        }
+        if let (Some(formula), Some((air, transmittance, multiple))) = (&sources.analytic, &self.formula_air) {
+            let albedo = look.ground.albedo();
+            let light = SkyLight::new(
+                air,
+                transmittance,
+                multiple,
+                albedo,
+                &sources.sun,
+                Some(formula),
+                base_top_m,
+            );
+            let light = SkyLightValues::new(&light);
+            self.context.queue.write_buffer(&values, 0, light.bytes());
         }
         self.context.wait()?;
         self.light = Some((key, values));

@@ -8,6 +8,7 @@ use super::view_kernels::view_kernel;
 use super::{Context, GpuError, Kernel};
 use crate::cpu::light::Atmosphere;
 use crate::cpu::light::multiple_scattering_table::{MULTIPLE_HEIGHTS, MULTIPLE_SUNS};
+use crate::cpu::light::sky_light::SkyLight;
 use crate::cpu::light::sky_table::{SKY_COLUMNS, SKY_HALF_ROWS, SkySource, horizon_sine};
 use crate::cpu::light::sky_visibility::slanted_path;
 use crate::cpu::light::stars::STAR_WORDS;
@@ -295,6 +296,20 @@ impl SkyView {
             horizon_sine: horizon_sine(height_m),
             height_m,
             ..Default::default()
+        }
+    }
+}
+
+impl SkyLightValues {
+    /// From the twin's.
+    pub fn new(light: &SkyLight) -> SkyLightValues {
+        SkyLightValues {
+            sun_at_base: padded(light.sun_at_base),
+            sun_at_top: padded(light.sun_at_top),
+            sun_at_ground: padded(light.sun_at_ground),
+            sky_radiance: padded(light.sky_radiance),
+            sky_irradiance: padded(light.sky_irradiance),
+            ground_radiance: padded(light.ground_radiance),
         }
     }
 }

@@ -140,5 +140,6 @@ pub fn settings(width: usize, height: usize) -> ViewSettings {
         surface_altitude_m: 0.0,
         moon: None,
         stars: None,
+        sky: Default::default(),
     }
 }

@@ -3,13 +3,16 @@
 //! Radiances are relative to the sun's irradiance above the atmosphere, which is 1 in each of the three colours (680, 550 and
 //! 440 nm stand for red, green and blue).
 
+pub mod analytic_sky;
 pub mod atmosphere;
+pub mod hosek_wilkie;
 pub mod mie;
 pub mod moon;
 pub mod multiple_scattering_table;
 pub mod path_tracer;
 pub mod phase;
 pub mod phase_table;
+pub mod preetham;
 pub mod sky_light;
 pub mod sky_table;
 pub mod sky_visibility;

@@ -7,6 +7,7 @@ use std::f32::consts::PI;
 
 use rayon::prelude::*;
 
+use super::analytic_sky::AnalyticSky;
 use super::atmosphere::Atmosphere;
 use super::multiple_scattering_table::MultipleScatteringTable;
 use super::sky_table::{SkySource, radiance};
@@ -46,6 +47,7 @@ impl SkyLight {
         multiple: &MultipleScatteringTable,
         ground_albedo: [f32; 3],
         source: &SkySource,
+        analytic: Option<&AnalyticSky>,
         base_top_m: [f32; 2],
     ) -> SkyLight {
         let (rings, around) = (SKY_LIGHT_RINGS, SKY_LIGHT_AROUND);
@@ -56,18 +58,16 @@ impl SkyLight {
                 let azimuth = ((n % around) as f32 + 0.5) / around as f32 * 2.0 * PI;
                 let side = (1.0 - sine * sine).sqrt();
                 let direction = [side * azimuth.cos(), side * azimuth.sin(), sine];
-                (
-                    radiance(
-                        air,
-                        transmittance,
-                        multiple,
-                        SKY_LIGHT_HEIGHT_M,
-                        direction,
-                        source,
-                        Some(false),
-                    ),
-                    sine,
-                )
+                let scattered = radiance(
+                    air,
+                    transmittance,
+                    multiple,
+                    SKY_LIGHT_HEIGHT_M,
+                    direction,
+                    source,
+                    Some(false),
+                );
+                (analytic.map_or(scattered, |a| a.over(scattered, direction)), sine)
             })
             .collect();
         let n = looks.len() as f32;

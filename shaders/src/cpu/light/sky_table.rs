@@ -11,6 +11,7 @@
 
 use rayon::prelude::*;
 
+use super::analytic_sky::AnalyticSky;
 use super::atmosphere::{
     AEROSOL_ASYMMETRY, AIR_DEPTH_M, Atmosphere, EARTH_RADIUS_M, distance_to_ground_m, distance_to_shell_m,
     height_along_m,
@@ -108,12 +109,13 @@ pub fn sun_azimuth(sun_direction: [f32; 3]) -> [f32; 2] {
 }
 
 impl SkyTable {
-    /// Computes the table; a few ms on two threads.
+    /// Computes the table; a few ms on two threads. A formula takes the place of the rays that do not end at the ground.
     pub fn new(
         air: &Atmosphere,
         transmittance: &TransmittanceTable,
         multiple: &MultipleScatteringTable,
         source: &SkySource,
+        analytic: Option<&AnalyticSky>,
         height_m: f32,
     ) -> SkyTable {
         let horizon = horizon_sine(height_m);
@@ -122,6 +124,7 @@ impl SkyTable {
             direction: [(x * x + y * y).sqrt(), 0.0, z],
             ..*source
         };
+        let formula = analytic.map(|a| a.towards(turned.direction));
         let texels: Vec<[f32; 3]> = (0..2 * SKY_HALF_ROWS * SKY_COLUMNS)
             .into_par_iter()
             .map(|n| {
@@ -137,7 +140,11 @@ impl SkyTable {
                 let side = (1.0 - sine * sine).max(0.0).sqrt();
                 let cosine = 1.0 - 2.0 * x * x;
                 let direction = [side * cosine, side * (1.0 - cosine * cosine).max(0.0).sqrt(), sine];
-                radiance(air, transmittance, multiple, height_m, direction, &turned, Some(below))
+                let scattered = radiance(air, transmittance, multiple, height_m, direction, &turned, Some(below));
+                match &formula {
+                    Some(formula) if !below => formula.over(scattered, direction),
+                    _ => scattered,
+                }
             })
             .collect();
         SkyTable {

@@ -176,9 +176,9 @@ fn prepare(
     let sky_key = look.sky_key();
     let sources = look.sources();
     if prepared.sky.as_ref().is_none_or(|(k, ..)| *k != sky_key) {
-        let table = |source| SkyTable::new(air, transmittance, multiple, source, look.position_m[2]);
-        let moon = sources.moon.as_ref().map(|(moon, _)| table(moon));
-        prepared.sky = Some((sky_key, table(&sources.sun), moon));
+        let table = |source, formula| SkyTable::new(air, transmittance, multiple, source, formula, look.position_m[2]);
+        let moon = sources.moon.as_ref().map(|(moon, _)| table(moon, None));
+        prepared.sky = Some((sky_key, table(&sources.sun, sources.analytic.as_ref()), moon));
         after("sky_table");
     }
     if let Some(places) = look.stars {
@@ -192,10 +192,10 @@ fn prepare(
     if prepared.light.as_ref().is_none_or(|(k, _)| *k != light_key) {
         let (.., base_top) = light_key;
         let albedo = settings.ground.albedo();
-        let of = |source| SkyLight::new(air, transmittance, multiple, albedo, source, base_top);
-        let mut light = of(&sources.sun);
+        let of = |source, formula| SkyLight::new(air, transmittance, multiple, albedo, source, formula, base_top);
+        let mut light = of(&sources.sun, sources.analytic.as_ref());
         if let Some((moon, beam_share)) = &sources.moon {
-            light = light.with_moon(&of(moon), *beam_share, albedo, moon.direction[2]);
+            light = light.with_moon(&of(moon, None), *beam_share, albedo, moon.direction[2]);
         }
         prepared.light = Some((light_key, light));
         after("sky_light");
