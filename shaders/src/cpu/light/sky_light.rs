@@ -89,10 +89,10 @@ impl SkyLight {
             sky_irradiance,
             ground_radiance: [0.0; 3],
         };
-        light.ground_radiance = light.from_ground(ground_albedo, mu);
+        light.ground_radiance = light.ground_gives(ground_albedo, mu);
         light
     }
-    fn from_ground(&self, albedo: [f32; 3], beam_sine: f32) -> [f32; 3] {
+    fn ground_gives(&self, albedo: [f32; 3], beam_sine: f32) -> [f32; 3] {
         [0, 1, 2].map(|c| albedo[c] / PI * (self.sun_at_ground[c] * beam_sine.max(0.0) + self.sky_irradiance[c]))
     }
     /// The same with the moon's light added: its sky whole, and where its beam is let in, that in place of the sun's, which is down then. `moon_sine` is the sine of the
@@ -115,7 +115,7 @@ impl SkyLight {
             ground_radiance: sum(self.ground_radiance, moon.ground_radiance),
         };
         if beam_share > 0.0 {
-            light.ground_radiance = light.from_ground(ground_albedo, moon_sine);
+            light.ground_radiance = light.ground_gives(ground_albedo, moon_sine);
         }
         light
     }
