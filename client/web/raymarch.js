@@ -38,6 +38,8 @@ export class Raymarcher {
     /** @type {Shape | null} */
     this.shape = null;
     this.shapeIsOld = true;
+    /** @type {{numbers: object, buffer: GPUBuffer} | null} the phase function that is drawn with */
+    this.phase = null;
     this.blank = this.storage("blank", 64);
     this.noCloud = this.device.createBuffer({
       label: "no cloud",
@@ -152,6 +154,7 @@ export class Raymarcher {
       detail_words: detail,
       picture,
       star_words: this.starWords,
+      phase: this.phaseFunction(scenery),
     });
     const band = Math.max(8, Math.ceil(BAND_PIXELS / width / 8) * 8);
     for (let row = 0; row < height; row += band) {
@@ -166,6 +169,19 @@ export class Raymarcher {
       this.device.queue.submit([bandEncoder.finish()]);
     }
     return { picture, row_words: frame.row_words };
+  }
+
+  /**
+   * How clouds turn light.
+   * @param {Scenery} scenery
+   */
+  phaseFunction(scenery) {
+    const numbers = scenery.uniforms.MarchPhase;
+    if (this.phase === null || this.phase.numbers !== numbers) {
+      this.phase?.buffer.destroy();
+      this.phase = { numbers, buffer: this.kernels.uniform("MarchPhase", numbers) };
+    }
+    return this.phase.buffer;
   }
 
   /** @param {GPUComputePassEncoder} pass */

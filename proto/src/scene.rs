@@ -73,6 +73,84 @@ pub struct Methods {
     pub pressure: Option<Pressure>,
     /// How the clear sky by the sun is made; `scattering_tables` unless named.
     pub sky: Option<Sky>,
+    /// How sunlight is followed through cloud beyond its first scattering; `octaves` unless named. Needs the effect `multiple_scattering`.
+    pub scattering: Option<Scattering>,
+    /// How pictures learn how much cloud lies towards the sun; `light_grid` unless named. Needs the effect `moisture`.
+    pub sun_occlusion: Option<SunOcclusion>,
+    /// How droplets turn light; those of 18 micrometres by the fit unless named. Needs the effect `moisture`.
+    pub phase: Option<Phase>,
+}
+
+/// See [`Methods::scattering`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Scattering {
+    /// Octaves of thinner cloud and rounder phase functions; as many as the effect says.
+    Octaves,
+    /// Light of the forward peak goes on, the rest is scattered once. The effect's octaves are not looked at.
+    MultipleForward,
+    /// Light diffuses: the nearest to traced paths in thick cloud; on the CPU alone. The effect's octaves are not looked at.
+    Diffusion,
+}
+
+/// See [`Methods::sun_occlusion`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "method", rename_all = "snake_case", deny_unknown_fields)]
+pub enum SunOcclusion {
+    /// A grid of optical depths, made once a tick, and two finer steps.
+    LightGrid {},
+    /// A march towards the sun from every sample.
+    SecondaryMarch {
+        /// Steps, 1 to 512.
+        steps: u32,
+    },
+    /// A map of where cloud begins; on the CPU alone, as all maps.
+    ExponentialShadowMap {
+        /// Rays along each side, 16 to 4096.
+        side: u32,
+    },
+    /// A map of where cloud begins, its mean extinction and its optical depth.
+    BeerShadowMap {
+        /// Rays along each side, 16 to 4096.
+        side: u32,
+    },
+    /// A map of seven Fourier coefficients of the extinction.
+    FourierOpacityMap {
+        /// Rays along each side, 16 to 4096.
+        side: u32,
+    },
+}
+
+/// See [`Methods::phase`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "function", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Phase {
+    /// Rayleigh's, of molecules: for comparison.
+    Rayleigh {},
+    /// Henyey and Greenstein's.
+    HenyeyGreenstein {
+        /// Mean cosine, -0.999 to 0.999.
+        asymmetry: f64,
+    },
+    /// Two of them.
+    DoubleHenyeyGreenstein {
+        /// Mean cosine of the part that goes on, -0.999 to 0.999.
+        forward_asymmetry: f64,
+        /// Mean cosine of the other, -0.999 to 0.999; below 0 where it goes back.
+        backward_asymmetry: f64,
+        /// Share of the first, 0 to 1.
+        forward_share: f64,
+    },
+    /// The fit of Jendersie and d'Eon (2023) to droplets of one size.
+    Droplets {
+        /// 5 to 50 micrometres.
+        diameter_um: f64,
+    },
+    /// Mie's, of droplets of many sizes, in three colours: with glory and fogbow.
+    Mie {
+        /// 1 to 50 micrometres.
+        effective_radius_um: f64,
+    },
 }
 
 /// See [`Methods::advection`]; cheapest first.

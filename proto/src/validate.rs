@@ -7,7 +7,9 @@ use serde_json::Value;
 
 use crate::camera::Camera;
 use crate::error::ApiError;
-use crate::scene::{BaseState, Effects, Methods, Moon, Pressure, Profile, ProfileLevel, SCENE_VERSION, Scene, Sun};
+use crate::scene::{
+    BaseState, Effects, Methods, Moon, Phase, Pressure, Profile, ProfileLevel, SCENE_VERSION, Scene, Sun, SunOcclusion,
+};
 use crate::wire::Command;
 
 mod structure;
@@ -101,7 +103,7 @@ pub fn validate(scene: &Scene, limits: &Limits) -> Result<(), ApiError> {
     range("/time/spin_up_s", scene.time.spin_up_s, 0.0, 1e6)?;
     base_state(&scene.base_state, limits)?;
     effects(&scene.effects, lid_m, limits)?;
-    methods(&scene.methods, scene.effects.flow.is_some())?;
+    methods(&scene.methods, &scene.effects)?;
     sun(&scene.sun, "/sun")?;
     camera(&scene.camera, "/camera")
 }
@@ -345,7 +347,51 @@ fn profile_levels(levels: &[ProfileLevel], limits: &Limits) -> Result<(), ApiErr
 }
 
 /// Whether a method is there and allows the scene's Courant number, the server's catalogue knows.
-fn methods(methods: &Methods, flow: bool) -> Result<(), ApiError> {
+fn methods(methods: &Methods, effects: &Effects) -> Result<(), ApiError> {
+    let flow = effects.flow.is_some();
+    let moisture = effects.moisture.is_some();
+    needs(
+        "/methods/scattering",
+        methods.scattering.is_some(),
+        effects.multiple_scattering.is_some(),
+        "multiple_scattering",
+    )?;
+    needs(
+        "/methods/sun_occlusion",
+        methods.sun_occlusion.is_some(),
+        moisture,
+        "moisture",
+    )?;
+    needs("/methods/phase", methods.phase.is_some(), moisture, "moisture")?;
+    match methods.sun_occlusion {
+        None | Some(SunOcclusion::LightGrid {}) => {}
+        Some(SunOcclusion::SecondaryMarch { steps }) => {
+            range("/methods/sun_occlusion/steps", f64::from(steps), 1.0, 512.0)?;
+        }
+        Some(
+            SunOcclusion::ExponentialShadowMap { side }
+            | SunOcclusion::BeerShadowMap { side }
+            | SunOcclusion::FourierOpacityMap { side },
+        ) => range("/methods/sun_occlusion/side", f64::from(side), 16.0, 4096.0)?,
+    }
+    let asymmetry = |field: &str, value: f64| range(&format!("/methods/phase/{field}"), value, -0.999, 0.999);
+    match methods.phase {
+        None | Some(Phase::Rayleigh {}) => {}
+        Some(Phase::HenyeyGreenstein { asymmetry: value }) => asymmetry("asymmetry", value)?,
+        Some(Phase::DoubleHenyeyGreenstein {
+            forward_asymmetry,
+            backward_asymmetry,
+            forward_share,
+        }) => {
+            asymmetry("forward_asymmetry", forward_asymmetry)?;
+            asymmetry("backward_asymmetry", backward_asymmetry)?;
+            range("/methods/phase/forward_share", forward_share, 0.0, 1.0)?;
+        }
+        Some(Phase::Droplets { diameter_um }) => range("/methods/phase/diameter_um", diameter_um, 5.0, 50.0)?,
+        Some(Phase::Mie { effective_radius_um }) => {
+            range("/methods/phase/effective_radius_um", effective_radius_um, 1.0, 50.0)?;
+        }
+    }
     needs("/methods/advection", methods.advection.is_some(), flow, "flow")?;
     needs("/methods/pressure", methods.pressure.is_some(), flow, "flow")?;
     let sweep_range = |sweeps: u32| range("/methods/pressure/sweeps", f64::from(sweeps), 1.0, 1e4);

@@ -113,6 +113,18 @@ impl MachineFlags {
             compute: Compute::choose(&self.device.device)?,
         })
     }
+
+    /// Gives rayon's shared pool, which the renderer runs on, the same number of threads, as nice as told.
+    fn size_pool(&self, niceness: Option<i32>) {
+        let builder = rayon::ThreadPoolBuilder::new().num_threads(self.threads.map_or(0, Into::into));
+        let builder = match niceness {
+            Some(niceness) => builder.start_handler(move |_| priority::step_back(niceness)),
+            None => builder,
+        };
+        if let Err(error) = builder.build_global() {
+            tracing::warn!(%error, "the renderer's threads are as they were");
+        }
+    }
 }
 
 /// The flag that chooses the device.
@@ -125,10 +137,6 @@ pub(crate) struct DeviceFlag {
 }
 
 impl SceneFlags {
-    fn threads(&self) -> Option<usize> {
-        self.machine.threads.map(Into::into)
-    }
-
     /// What to compute on. Errors: an adapter that isn't there, with those that are.
     fn machine(&self) -> Result<Machine, Failure> {
         self.machine.machine()
@@ -144,16 +152,9 @@ impl SceneFlags {
         Ok(scene)
     }
 
-    /// Gives rayon's shared pool, which the renderer runs on, the same number of threads, as nice as told.
+    /// As [`MachineFlags::size_pool`].
     fn size_pool(&self, niceness: Option<i32>) {
-        let builder = rayon::ThreadPoolBuilder::new().num_threads(self.threads().unwrap_or(0));
-        let builder = match niceness {
-            Some(niceness) => builder.start_handler(move |_| priority::step_back(niceness)),
-            None => builder,
-        };
-        if let Err(error) = builder.build_global() {
-            tracing::warn!(%error, "the renderer's threads are as they were");
-        }
+        self.machine.size_pool(niceness);
     }
 }
 

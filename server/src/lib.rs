@@ -4,6 +4,7 @@ pub mod base_state;
 pub mod bench;
 pub mod change;
 pub mod cli;
+pub mod clouds;
 pub mod endurance;
 pub mod host;
 pub mod http;

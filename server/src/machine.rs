@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use welkin_proto::ApiError;
 use welkin_shaders::Device;
+use welkin_shaders::catalogue::Devices;
 use welkin_shaders::cpu::Cpu;
 use welkin_shaders::cpu::sim::Parameters;
 use welkin_shaders::gpu::{AdapterChoice, Context, Gpu, GpuError, ViewStages, dispatches};
@@ -139,11 +140,17 @@ impl Compute {
     pub fn supports(&self, plan: &Plan) -> Result<(), ApiError> {
         let missing = match self {
             Compute::Cpu => None,
-            Compute::Gpu(_) => plan.passes.iter().find(|p| !dispatches::is_there(**p)),
+            Compute::Gpu(_) => {
+                let pass = plan.passes.iter().find(|p| !dispatches::is_there(**p));
+                let of_pictures = plan
+                    .chosen
+                    .choices
+                    .iter()
+                    .find(|c| matches!(c.rung.info().devices, Devices::CpuOnly(_)));
+                pass.map(|p| p.info().name).or(of_pictures.map(|c| c.rung.info().name))
+            }
         };
-        missing.map_or(Ok(()), |pass| {
-            Err(gpu_failure(&GpuError::NoShader { pass: pass.info().name }))
-        })
+        missing.map_or(Ok(()), |pass| Err(gpu_failure(&GpuError::NoShader { pass })))
     }
 
     /// Opens the adapter again if it is lost. Errors: `no_adapter`, `adapter_insufficient`.

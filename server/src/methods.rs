@@ -1,9 +1,11 @@
 //! Which rung of each ladder a scene gets, and why.
 
-use welkin_proto::scene::{Accuracy, Advection, Pressure, Sky};
+use welkin_proto::scene::{Accuracy, Advection, Phase, Pressure, Scattering, Sky, SunOcclusion};
 use welkin_proto::{ApiError, Scene};
 use welkin_shaders::catalogue::{Ladder, Rung};
+use welkin_shaders::cpu::light::phase_table::PhaseChoice;
 use welkin_shaders::cpu::sim::parameters::{Methods, PressureMethod};
+use welkin_shaders::view::{self, Lighting, MapKind};
 
 /// A rung and what chose it.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,7 +19,7 @@ pub struct Choice {
 /// A scene's methods.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chosen {
-    /// One rung a ladder; of advection and pressure only where something flows.
+    /// One rung a ladder; of advection and pressure only where something flows, of light only where there can be cloud.
     pub choices: Vec<Choice>,
     /// What the passes are told.
     pub methods: Methods,
@@ -66,6 +68,91 @@ fn sky_rung(sky: Sky) -> Rung {
         Sky::HosekWilkie => Rung::HosekWilkie,
         Sky::ScatteringTables => Rung::ScatteringTables,
     }
+}
+
+fn scattering_of(scattering: Scattering) -> (Rung, view::Scattering) {
+    match scattering {
+        Scattering::Octaves => (Rung::Octaves, view::Scattering::Octaves),
+        Scattering::MultipleForward => (Rung::MultipleForward, view::Scattering::MultipleForward),
+        Scattering::Diffusion => (Rung::Diffusion, view::Scattering::Diffusion),
+    }
+}
+
+fn sun_occlusion_of(occlusion: &SunOcclusion) -> (Rung, view::SunOcclusion) {
+    let map = |kind, side| view::SunOcclusion::ShadowMap { kind, side };
+    match *occlusion {
+        SunOcclusion::LightGrid {} => (Rung::LightGrid, view::SunOcclusion::LightGrid),
+        SunOcclusion::SecondaryMarch { steps } => (Rung::SecondaryMarch, view::SunOcclusion::SecondaryMarch { steps }),
+        SunOcclusion::ExponentialShadowMap { side } => (Rung::ExponentialShadowMap, map(MapKind::Exponential, side)),
+        SunOcclusion::BeerShadowMap { side } => (Rung::BeerShadowMap, map(MapKind::Beer, side)),
+        SunOcclusion::FourierOpacityMap { side } => (Rung::FourierOpacityMap, map(MapKind::Fourier, side)),
+    }
+}
+
+fn phase_of(phase: &Phase) -> (Rung, PhaseChoice) {
+    match *phase {
+        Phase::Rayleigh {} => (Rung::Rayleigh, PhaseChoice::Rayleigh),
+        Phase::HenyeyGreenstein { asymmetry } => {
+            let asymmetry = asymmetry as f32;
+            (Rung::HenyeyGreenstein, PhaseChoice::HenyeyGreenstein { asymmetry })
+        }
+        Phase::DoubleHenyeyGreenstein {
+            forward_asymmetry,
+            backward_asymmetry,
+            forward_share,
+        } => {
+            let choice = PhaseChoice::DoubleHenyeyGreenstein {
+                forward_asymmetry: forward_asymmetry as f32,
+                backward_asymmetry: backward_asymmetry as f32,
+                forward_share: forward_share as f32,
+            };
+            (Rung::DoubleHenyeyGreenstein, choice)
+        }
+        Phase::Droplets { diameter_um } => {
+            let diameter_um = diameter_um as f32;
+            (Rung::Droplets, PhaseChoice::Droplets { diameter_um })
+        }
+        Phase::Mie { effective_radius_um } => {
+            let effective_radius_um = effective_radius_um as f32;
+            (Rung::Mie, PhaseChoice::Mie { effective_radius_um })
+        }
+    }
+}
+
+/// How a scene's pictures light clouds.
+pub fn lighting(scene: &Scene) -> Lighting {
+    let methods = &scene.methods;
+    Lighting {
+        phase: methods.phase.as_ref().map(|p| phase_of(p).1).unwrap_or_default(),
+        scattering: methods.scattering.map(|s| scattering_of(s).1).unwrap_or_default(),
+        sun_occlusion: methods
+            .sun_occlusion
+            .as_ref()
+            .map(|o| sun_occlusion_of(o).1)
+            .unwrap_or_default(),
+    }
+}
+
+/// The rungs of light.
+fn light_choices(scene: &Scene) -> impl Iterator<Item = Choice> {
+    let (named, usual) = ("the scene names it", "what a scene has that names none");
+    let methods = &scene.methods;
+    let occlusion = methods.sun_occlusion.as_ref().map(|o| (sun_occlusion_of(o).0, named));
+    let scattering = match (methods.scattering, &scene.effects.multiple_scattering) {
+        (_, None) => (Rung::SingleScattering, "no effect asks for more"),
+        (Some(scattering), _) => (scattering_of(scattering).0, named),
+        (None, _) => (Rung::Octaves, "effect multiple_scattering"),
+    };
+    let phase = methods.phase.as_ref().map(|p| (phase_of(p).0, named));
+    let rungs = [
+        occlusion.unwrap_or((Rung::LightGrid, usual)),
+        scattering,
+        phase.unwrap_or((Rung::Droplets, usual)),
+    ];
+    rungs.into_iter().map(|(rung, why)| Choice {
+        rung,
+        why: why.to_owned(),
+    })
 }
 
 /// The rung, if it is written. Errors: `method_unavailable` at `pointer`.
@@ -157,6 +244,9 @@ pub fn choose(scene: &Scene) -> Result<Chosen, ApiError> {
         None => (Rung::ScatteringTables, by_accuracy),
     };
     choices.push(Choice { rung, why });
+    if scene.effects.moisture.is_some() {
+        choices.extend(light_choices(scene));
+    }
     debug_assert!(choices.windows(2).all(|c| order(c[0].rung) < order(c[1].rung)));
     Ok(Chosen {
         choices,

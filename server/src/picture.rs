@@ -11,12 +11,12 @@ use welkin_proto::{ApiError, Camera};
 use welkin_shaders::CloudVolume;
 use welkin_shaders::cpu::light::analytic_sky::SkyMethod;
 use welkin_shaders::cpu::light::path_tracer::Film;
-use welkin_shaders::cpu::light::phase_table::PhaseChoice;
 use welkin_shaders::cpu::view as cpu_view;
 use welkin_shaders::cpu::view::{Detail, Ground, MoonPlace, Prepared, StarPlaces, ViewSettings, render_watched};
 use welkin_shaders::gpu::GpuView;
 
 use crate::machine::{Adapter, Compute, gpu_failure};
+use crate::methods;
 use crate::moon;
 use crate::world::Snapshot;
 
@@ -200,6 +200,7 @@ pub fn settings(snapshot: &Snapshot, scene: &Scene, camera: &Camera, [width, hei
             scale_m: d.scale_m as f32,
         }),
         multiple_scattering_octaves: effects.multiple_scattering.as_ref().map_or(0, |m| m.octaves),
+        lighting: methods::lighting(scene),
         ground: match scene.domain.ground {
             scene::Ground::Land => Ground::Land,
             scene::Ground::Sea => Ground::Sea,
@@ -241,7 +242,6 @@ pub struct Traced {
 pub fn path_trace(
     volume: Option<&CloudVolume>,
     settings: &ViewSettings,
-    phase: PhaseChoice,
     paths: u32,
     progress: &mut dyn FnMut(u32, f64) -> bool,
 ) -> Traced {
@@ -250,7 +250,7 @@ pub fn path_trace(
     let mut film = Film::new(settings.width * settings.height);
     while film.samples < paths {
         let batch = 16.min(paths - film.samples);
-        cpu_view::path_trace(volume, settings, &mut prepared, phase, 1.0, &mut film, batch);
+        cpu_view::path_trace(volume, settings, &mut prepared, 1.0, &mut film, batch);
         if !progress(film.samples, film.relative_error()) {
             break;
         }

@@ -12,6 +12,8 @@ const FONT: &str = "welkin";
 /// Pixels of text.
 const TEXT: i32 = 15;
 const TITLE: i32 = 17;
+/// Share of the height that is added above and below where points have notes.
+const NOTES_MARGIN: f64 = 0.12;
 /// Pixels for a picture's colour bar.
 const BAR: u32 = 86;
 
@@ -232,6 +234,13 @@ fn draw_chart(chart: &Chart, area: &Area) -> Result<(), PlotError> {
             .map(|p| drawn(p[1], log_y))
             .chain(chart.bands.iter().flatten().copied()),
     );
+    // Room for the text beside the points, and for the legend below it.
+    let y = if chart.notes.is_empty() {
+        y
+    } else {
+        let margin = NOTES_MARGIN * (y.end - y.start);
+        y.start - margin..y.end + margin
+    };
     let mut frame = ChartBuilder::on(area)
         .caption(&chart.title, (FONT, TITLE))
         .margin(12)

@@ -1,6 +1,7 @@
 //! What a client needs to draw a world's pictures itself: the kernels, and what a world tells them.
 
 use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use welkin_proto::view::{
     BindingKind, Scenery, SceneryStars, ShaderBinding, ShaderKernel, ShaderMember, ShaderModule, ShaderStruct,
@@ -8,11 +9,13 @@ use welkin_proto::view::{
 };
 use welkin_proto::{ApiError, Camera};
 use welkin_shaders::cpu::light::analytic_sky::SkyMethod;
+use welkin_shaders::cpu::light::march_phase::MarchPhase;
+use welkin_shaders::cpu::light::phase_table::PhaseChoice;
 use welkin_shaders::cpu::light::stars::StarTable;
 use welkin_shaders::gpu::Bind;
 use welkin_shaders::gpu::view_kernels::{VIEW_KERNELS, VIEW_STRUCTS, reflect, view_constants};
-use welkin_shaders::gpu::view_stages::{Air, SkyLightAsk, SkyView, SunMarch, ViewFrame};
-use welkin_shaders::view::Look;
+use welkin_shaders::gpu::view_stages::{Air, MARCH_PHASE, SkyLightAsk, SkyView, SunMarch, ViewFrame};
+use welkin_shaders::view::{Look, Scattering};
 use welkin_shaders::wgsl::{self, Layout, Literal};
 
 use crate::world::Snapshot;
@@ -27,7 +30,6 @@ const SCENERY: &[(&str, &[&str])] = &[
     (
         "ViewFrame",
         &[
-            "droplets",
             "ground_albedo",
             "ground_tint",
             "detail_offset_m",
@@ -39,8 +41,11 @@ const SCENERY: &[(&str, &[&str])] = &[
             "sea",
             "haze_on_cloud",
             "night",
+            "secondary_steps",
+            "depth_scale",
         ],
     ),
+    ("MarchPhase", &["quads"]),
 ];
 
 /// The kernels of the view, generated from what the GPU device runs. Errors: `internal` where a module's text is not what it should be.
@@ -104,8 +109,25 @@ fn layout(layout: &Layout) -> ShaderStruct {
     }
 }
 
-/// What a world tells the kernels that is neither its cloud, nor the camera's, nor the sun's.
-pub fn scenery(snapshot: &Snapshot) -> Scenery {
+/// The phase function that was told last: pages ask again and again, and Mie's takes a while.
+static PHASE: Mutex<Option<(PhaseKey, Arc<MarchPhase>)>> = Mutex::new(None);
+type PhaseKey = (PhaseChoice, Scattering);
+
+fn phase_of(key: PhaseKey) -> Arc<MarchPhase> {
+    let mut kept = PHASE.lock().unwrap_or_else(PoisonError::into_inner);
+    match kept.as_ref().filter(|(k, _)| *k == key) {
+        Some((_, phase)) => phase.clone(),
+        None => {
+            let phase = Arc::new(MarchPhase::new(key.0, key.1));
+            *kept = Some((key, phase.clone()));
+            phase
+        }
+    }
+}
+
+/// What a world tells the kernels that is neither its cloud, nor the camera's, nor the sun's. Errors: `method_needs_cpu` where the scene chose a
+/// method that no kernel has.
+pub fn scenery(snapshot: &Snapshot) -> Result<Scenery, ApiError> {
     // Any camera does: what depends on it is left out.
     let camera = Camera {
         position_m: [0.0, 0.0, 100.0],
@@ -116,7 +138,13 @@ pub fn scenery(snapshot: &Snapshot) -> Scenery {
     };
     let settings = picture::settings(snapshot, &snapshot.scene, &camera, [1, 1]);
     let look = Look::new(&settings, [0.0; 3]);
-    let (air, frame) = (Air::new(&look.air), ViewFrame::new(&look, &settings, true, 1));
+    if look.lighting.needs_cpu() {
+        let message = "the scene lights its clouds by a method that only the server's CPU has; ask for its frames";
+        return Err(ApiError::new("method_needs_cpu", message));
+    }
+    let phase = phase_of((look.lighting.phase, look.lighting.scattering));
+    let air = Air::new(&look.air);
+    let frame = ViewFrame::new(&look, &settings, true, 1, phase.depth_scale);
     let sun = look.sources().sun;
     let view = SkyView::new(&sun, look.position_m[2]);
     let ask = SkyLightAsk::new(&sun, look.ground, [0.0; 2]);
@@ -126,6 +154,7 @@ pub fn scenery(snapshot: &Snapshot) -> Scenery {
         "SkyView" => (&SkyView::LAYOUT, view.bytes()),
         "SkyLightAsk" => (&SkyLightAsk::LAYOUT, ask.bytes()),
         "SunMarch" => (&SunMarch::LAYOUT, march.bytes()),
+        "MarchPhase" => (&MARCH_PHASE, phase.bytes()),
         _ => (&ViewFrame::LAYOUT, frame.bytes()),
     };
     let uniforms = SCENERY.iter().map(|(name, wanted)| {
@@ -135,7 +164,7 @@ pub fn scenery(snapshot: &Snapshot) -> Scenery {
         (name.to_string(), values.collect())
     });
     let scene = &snapshot.scene;
-    Scenery {
+    Ok(Scenery {
         uniforms: uniforms.collect(),
         server_draws: (look.sky != SkyMethod::ScatteringTables).then(|| {
             let rung = "its sky is a formula's, which the server computes (methods.sky)";
@@ -146,7 +175,7 @@ pub fn scenery(snapshot: &Snapshot) -> Scenery {
             faintest_magnitude: stars.faintest_magnitude,
             years_since_2000: moon::years_since_2000(scene).into(),
         }),
-    }
+    })
 }
 
 /// The words of the table of stars over a world, little endian; none where it has no stars.

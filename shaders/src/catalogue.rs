@@ -259,6 +259,12 @@ pub enum Ladder {
     Microphysics,
     /// How the clear sky by the sun is made.
     Sky,
+    /// How pictures learn how much cloud lies towards the sun.
+    SunOcclusion,
+    /// How sunlight is followed through cloud.
+    Scattering,
+    /// How droplets turn light.
+    Phase,
 }
 
 impl Ladder {
@@ -269,6 +275,9 @@ impl Ladder {
         Ladder::Subgrid,
         Ladder::Microphysics,
         Ladder::Sky,
+        Ladder::SunOcclusion,
+        Ladder::Scattering,
+        Ladder::Phase,
     ];
 
     /// The name in scenes and plans.
@@ -279,6 +288,9 @@ impl Ladder {
             Ladder::Subgrid => "subgrid",
             Ladder::Microphysics => "microphysics",
             Ladder::Sky => "sky",
+            Ladder::SunOcclusion => "sun_occlusion",
+            Ladder::Scattering => "scattering",
+            Ladder::Phase => "phase",
         }
     }
 
@@ -348,6 +360,14 @@ macro_rules! rungs {
 const MULTIGRID_DEVICES: Devices = Devices::CpuOnly(
     "on a GPU the direct solver moves 60 bytes a cell in five dispatches and leaves nothing but rounding; a single cycle would move 120 in dozens, most of them too small to fill it",
 );
+/// Where shadow maps are there.
+const MAP_DEVICES: Devices = Devices::CpuOnly(
+    "the march binds all eight storage buffers that WebGPU grants, and the light grid is there anyway for what is seen of sky and ground",
+);
+/// Where diffusion is there.
+const DIFFUSION_DEVICES: Devices = Devices::CpuOnly(
+    "conjugate gradients join sums over the whole grid twice a step, some fifty steps for a sun and a tick: on a GPU each would wait for the one before",
+);
 /// One stage spans a substep of any length that trajectories can follow.
 const SEMI_LAGRANGIAN: Option<Advance> = Some(Advance {
     courant_max: 50.0,
@@ -403,6 +423,48 @@ rungs! {
     ScatteringTables Sky "scattering_tables" Devices::Both, None,
         "single scattering along rays, higher orders from a table"
         keeps "energy as the air has it, at any height, by any sun; higher orders are even in all directions";
+    LightGrid SunOcclusion "light_grid" Devices::Both, None,
+        "optical depths towards the sun at the shape's points, once a tick, and two finer steps"
+        keeps "edges as fine as the grid, and detail near the camera";
+    ExponentialShadowMap SunOcclusion "exponential_shadow_map" MAP_DEVICES, None,
+        "where cloud begins on the sun's rays"
+        keeps "where cloud begins; one extinction for all";
+    BeerShadowMap SunOcclusion "beer_shadow_map" MAP_DEVICES, None,
+        "where cloud begins on the sun's rays, its mean extinction, its optical depth"
+        keeps "each ray's whole optical depth; not gaps between clouds";
+    FourierOpacityMap SunOcclusion "fourier_opacity_map" MAP_DEVICES, None,
+        "seven Fourier coefficients of the extinction along the sun's rays"
+        keeps "each ray's whole optical depth; edges swing";
+    SecondaryMarch SunOcclusion "secondary_march" Devices::Both, None,
+        "a march towards the sun from every sample"
+        keeps "all that its steps meet, detail included";
+    SingleScattering Scattering "single" Devices::Both, None,
+        "light is scattered once"
+        keeps "energy, in that it loses what is scattered again";
+    MultipleForward Scattering "multiple_forward" Devices::Both, None,
+        "light of the forward peak goes on, the rest is scattered once"
+        keeps "energy, in that it loses what the rest scatters again";
+    Octaves Scattering "octaves" Devices::Both, None,
+        "octaves of thinner cloud and rounder phase functions"
+        keeps "no energy: thin cloud gets too much light, thick cloud too little";
+    Diffusion Scattering "diffusion" DIFFUSION_DEVICES, None,
+        "the beam, what goes about its way, and what diffuses"
+        keeps "energy, to the solver's bound";
+    Rayleigh Phase "rayleigh" Devices::Both, None,
+        "molecules'"
+        keeps "the integral over the sphere, as all";
+    HenyeyGreenstein Phase "henyey_greenstein" Devices::Both, None,
+        "one lobe"
+        keeps "the mean cosine";
+    DoubleHenyeyGreenstein Phase "double_henyey_greenstein" Devices::Both, None,
+        "two lobes"
+        keeps "the mean cosine and a bright back";
+    Droplets Phase "droplets" Devices::Both, None,
+        "the fit of Jendersie and d'Eon to droplets of one size"
+        keeps "the lobes of Mie's function; neither glory nor fogbow";
+    Mie Phase "mie" Devices::Both, None,
+        "Mie's series over a distribution of droplets, in three colours"
+        keeps "glory, fogbow and their colours";
 }
 
 impl Pass {
@@ -413,10 +475,12 @@ impl Pass {
 }
 
 impl Rung {
-    /// Whether it is written: some pass or the view has it, or it is a ladder's `none`.
+    /// Whether it is written: some pass belongs to it, or it is a ladder's `none`, or one of pictures, which are no passes.
     pub fn is_there(self) -> bool {
-        matches!(self, Rung::NoSubgrid | Rung::NoMicrophysics)
-            || self.info().ladder == Ladder::Sky
+        let of_pictures =
+            [Ladder::Sky, Ladder::SunOcclusion, Ladder::Scattering, Ladder::Phase].contains(&self.info().ladder);
+        of_pictures
+            || matches!(self, Rung::NoSubgrid | Rung::NoMicrophysics)
             || Pass::ALL.iter().any(|p| p.info().rungs.contains(&self))
     }
 }

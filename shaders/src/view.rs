@@ -6,16 +6,13 @@ use crate::CloudVolume;
 use crate::cpu::light::Atmosphere;
 use crate::cpu::light::analytic_sky::{AnalyticSky, SkyMethod};
 use crate::cpu::light::moon::MoonLook;
-use crate::cpu::light::phase::Droplets;
+use crate::cpu::light::phase_table::PhaseChoice;
 use crate::cpu::light::sky_table::SkySource;
 use crate::cpu::light::stars::STARS_SUN_SINE;
 use crate::cpu::view::detail_noise::TILE_BILLOWS;
 pub use crate::cpu::view::ground::Ground;
 use crate::cpu::view::march::OCTAVES_MAX;
 use crate::cpu::view::tone_map;
-
-/// Diameter of droplets for the phase function, micrometres.
-const DROPLET_DIAMETER_UM: f32 = 18.0;
 
 // Not used in WGSL, but by other hosts that run it.
 crate::constants! {
@@ -60,6 +57,81 @@ pub struct StarPlaces {
     pub faintest: f32,
 }
 
+/// How the march makes of sunlight what comes to the camera.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Scattering {
+    /// Once, and further by octaves (Wrenninge et al. 2013); their number is the view's, none is single scattering.
+    #[default]
+    Octaves,
+    /// Once, after light of the forward peak has gone on (seed 002, seed 004).
+    MultipleForward,
+    /// Once, about the sun's way, and diffusely (stage `diffusion`); on the CPU.
+    Diffusion,
+}
+
+/// What a shadow map keeps of a ray; see stage `sun_map`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MapKind {
+    /// Where cloud begins.
+    Exponential,
+    /// Also its mean extinction and its optical depth.
+    Beer,
+    /// The first terms of its extinction's Fourier series.
+    Fourier,
+}
+
+impl MapKind {
+    /// Numbers that are kept of a ray.
+    pub fn numbers(self) -> usize {
+        match self {
+            MapKind::Exponential => 1,
+            MapKind::Beer => 3,
+            MapKind::Fourier => 7,
+        }
+    }
+}
+
+/// How the march learns how much cloud lies towards the sun.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SunOcclusion {
+    /// From the grid of stage `sun_optical_depth` and two finer steps.
+    #[default]
+    LightGrid,
+    /// By a march from each sample, its steps growing with distance.
+    SecondaryMarch {
+        /// 1 to [`SECONDARY_STEPS_MAX`].
+        steps: u32,
+    },
+    /// From a map of the sun's rays (stage `sun_map`); on the CPU.
+    ShadowMap {
+        /// What it keeps.
+        kind: MapKind,
+        /// Rays along each of its sides, 16 to 4096.
+        side: u32,
+    },
+}
+
+/// Steps of a secondary march at most.
+pub const SECONDARY_STEPS_MAX: u32 = 512;
+
+/// How clouds are lit.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Lighting {
+    /// How droplets turn light.
+    pub phase: PhaseChoice,
+    /// How light is followed through cloud.
+    pub scattering: Scattering,
+    /// What takes sunlight away before.
+    pub sun_occlusion: SunOcclusion,
+}
+
+impl Lighting {
+    /// Whether no GPU draws it, this program's or a page's.
+    pub fn needs_cpu(&self) -> bool {
+        self.scattering == Scattering::Diffusion || matches!(self.sun_occlusion, SunOcclusion::ShadowMap { .. })
+    }
+}
+
 /// What a picture is taken of and how. Numbers that make no sense are bounded, never an error: a camera under the ground stands on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewSettings {
@@ -83,6 +155,8 @@ pub struct ViewSettings {
     pub detail: Option<Detail>,
     /// Octaves of scattering after the first; 0 is single scattering; at most 8.
     pub multiple_scattering_octaves: u32,
+    /// How clouds are lit.
+    pub lighting: Lighting,
     /// What lies under the clouds.
     pub ground: Ground,
     /// Whether clouds shade the ground.
@@ -132,6 +206,11 @@ pub struct Sources {
     pub moon: Option<(SkySource, f32)>,
 }
 
+/// Volume, detail, map, its side, sun: what a map of the sun's rays depends on.
+pub type SunMapKey = (u64, Option<FrameDetail>, MapKind, u32, [f32; 3]);
+/// Volume, whether carved, sun, phase function: what the diffuse light depends on.
+pub type DiffuseKey = (u64, bool, [f32; 3], PhaseChoice);
+
 /// Settings made sense of: bounded, with what follows from them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Look {
@@ -168,8 +247,8 @@ pub struct Look {
     pub detail: Option<FrameDetail>,
     /// Octaves after the first.
     pub octaves: usize,
-    /// Droplets' phase function.
-    pub droplets: Droplets,
+    /// How clouds are lit.
+    pub lighting: Lighting,
 }
 
 impl Look {
@@ -206,8 +285,11 @@ impl Look {
             air: Atmosphere::new(settings.surface_altitude_m, settings.visibility_m),
             ground: settings.ground,
             detail: detail.map(|d| frame_detail(d, air_displacement_m, settings.seed)),
-            octaves: (settings.multiple_scattering_octaves as usize).min(OCTAVES_MAX),
-            droplets: Droplets::new(DROPLET_DIAMETER_UM),
+            octaves: match settings.lighting.scattering {
+                Scattering::Octaves => (settings.multiple_scattering_octaves as usize).min(OCTAVES_MAX),
+                Scattering::MultipleForward | Scattering::Diffusion => 0,
+            },
+            lighting: settings.lighting,
         }
     }
     /// Key of the sky table.
@@ -234,6 +316,29 @@ impl Look {
     pub fn light_key(&self, slab: Option<[f32; 2]>) -> LightKey {
         let base_top = slab.map_or([0.0, 1_000.0], |[bottom_m, top_m]| [bottom_m.max(1.0), top_m]);
         (self.air, self.ground, self.sources(), base_top)
+    }
+    /// Steps of the march from each sample towards the sun; 0 where there is none.
+    pub fn secondary_steps(&self) -> u32 {
+        match self.lighting.sun_occlusion {
+            SunOcclusion::SecondaryMarch { steps } => steps.clamp(1, SECONDARY_STEPS_MAX),
+            SunOcclusion::LightGrid | SunOcclusion::ShadowMap { .. } => 0,
+        }
+    }
+    /// Key of the map of the sun's rays through the volume with this fingerprint, where there is to be one.
+    pub fn sun_map_key(&self, volume: u64) -> Option<SunMapKey> {
+        match self.lighting.sun_occlusion {
+            SunOcclusion::ShadowMap { kind, side } => Some((volume, self.detail, kind, side, self.table_beam)),
+            SunOcclusion::LightGrid | SunOcclusion::SecondaryMarch { .. } => None,
+        }
+    }
+    /// Key of the diffuse light in the volume with this fingerprint, where it is wanted.
+    pub fn diffuse_key(&self, volume: u64) -> Option<DiffuseKey> {
+        (self.lighting.scattering == Scattering::Diffusion).then_some((
+            volume,
+            self.detail.is_some(),
+            self.table_beam,
+            self.lighting.phase,
+        ))
     }
     /// Key of the optical depths of the volume with this fingerprint.
     pub fn sun_light_key(&self, volume: u64) -> SunLightKey {

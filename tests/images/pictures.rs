@@ -4,7 +4,8 @@ mod common;
 
 use common::{ball, cumulus_field, settings, sun, volume};
 use welkin_shaders::Grid;
-use welkin_shaders::cpu::view::{Prepared, ViewSettings, render};
+use welkin_shaders::cpu::light::phase_table::PhaseChoice;
+use welkin_shaders::cpu::view::{Prepared, ViewSettings, radiance, render};
 
 /// Mean red, green and blue of a block of pixels, as linear light 0 to 1.
 fn mean(picture: &[u8], width: usize, columns: std::ops::Range<usize>, rows: std::ops::Range<usize>) -> [f32; 3] {
@@ -99,6 +100,93 @@ fn octaves_brighten_cloud() {
         let now = luminance(mean(&draw(Some(&cloud), &view), 64, 24..40, 24..40));
         assert!(now > before * 1.05, "{octaves} octaves: {now}, fewer: {before}");
         before = now;
+    }
+}
+
+/// The phase function as it is seen from above on a thin level cloud that scatters once, in one colour, by the angle from the point opposite the sun in degrees.
+/// A pixel's radiance is a + b times the function; a and b are had from the pictures by two known ones, so that neither the slant of rays nor where their steps
+/// begin shows.
+fn around_the_antisolar_point(phase: PhaseChoice, colour: usize) -> Vec<[f64; 2]> {
+    let grid = Grid {
+        cells: [8, 8, 16],
+        cell_size_m: [200.0, 200.0, 50.0],
+    };
+    let cells = (0..grid.len()).map(|n| {
+        if (6..9).contains(&(n / grid.plane())) {
+            0.002
+        } else {
+            0.0
+        }
+    });
+    let cloud = volume(grid, cells.collect());
+    let mut view = settings(1, 1200);
+    view.camera_position_m = [800.0, 800.0, 3000.0];
+    view.detail = None;
+    view.visibility_m = None;
+    view.multiple_scattering_octaves = 0;
+    view.sun_direction = sun(40.0, 180.0);
+    view.elevation_deg = -40.0;
+    view.vertical_fov_deg = 100.0;
+    view.ground = welkin_shaders::cpu::view::Ground::Sea;
+    let mut prepared = Prepared::new();
+    let [light, even, rayleigh] = [
+        phase,
+        PhaseChoice::HenyeyGreenstein { asymmetry: 0.0 },
+        PhaseChoice::Rayleigh,
+    ]
+    .map(|phase| {
+        view.lighting.phase = phase;
+        radiance(Some(&cloud), &view, &mut prepared)
+    });
+    let half = 50f64.to_radians().tan();
+    // Below the middle: towards the nadir.
+    let rows = (600..1200).map(|row| {
+        let angle = ((row as f64 + 0.5) / 600.0 - 1.0) * half;
+        let [seen, even, rayleigh] = [&light, &even, &rayleigh].map(|picture| f64::from(picture[row][colour]));
+        let spread = 3.0 / 16.0 * (1.0 + angle.atan().cos().powi(2)) - 0.25;
+        [angle.atan().to_degrees(), (seen - even) / (rayleigh - even) * spread]
+    });
+    rows.collect()
+}
+
+/// Where between two angles something is brighter than on either side by a hundredth at least, the brightest such place: radiances are 32-bit floats, which
+/// make hills of a hundred-thousandth.
+fn ring(profile: &[[f64; 2]], from: f64, to: f64) -> Option<f64> {
+    let inside: Vec<[f64; 2]> = profile.iter().copied().filter(|p| p[0] > from && p[0] < to).collect();
+    let peak = (0..inside.len()).max_by(|a, b| inside[*a][1].total_cmp(&inside[*b][1]))?;
+    let least = |part: &[[f64; 2]]| part.iter().map(|p| p[1]).fold(f64::INFINITY, f64::min);
+    let lower = 0.99 * inside[peak][1];
+    (least(&inside[..peak]) < lower && least(&inside[peak + 1..]) < lower).then_some(inside[peak][0])
+}
+
+/// The march's pictures have the glory and the fogbow with Mie's function and with no other. Angles as in `mie_has_a_fogbow_where_airy_says` and
+/// `mie_has_a_glory_of_the_right_width` of the phase table: the bow 36 to 44 degrees from the antisolar point, the glory's first ring at 2.75 to 4.2
+/// over the size parameter.
+#[test]
+fn glory_and_fogbow_are_where_mie_has_them() {
+    let radius = 12.0;
+    let mie = PhaseChoice::Mie {
+        effective_radius_um: radius,
+    };
+    for (colour, wavelength_um) in [(0, 0.68), (1, 0.55), (2, 0.44)] {
+        let profile = around_the_antisolar_point(mie, colour);
+        let bow = ring(&profile, 34.0, 46.0).expect("a bow");
+        assert!((36.0..44.0).contains(&bow), "{colour}: bow at {bow}");
+        let unit = (wavelength_um / (2.0 * std::f64::consts::PI * f64::from(radius))).to_degrees();
+        let glory = ring(&profile, 1.8 * unit, 5.0 * unit).expect("a glory") / unit;
+        assert!((2.75..4.2).contains(&glory), "{colour}: glory at {glory} / x");
+    }
+    for other in [
+        PhaseChoice::default(),
+        PhaseChoice::HenyeyGreenstein { asymmetry: 0.85 },
+        PhaseChoice::Rayleigh,
+    ] {
+        let profile = around_the_antisolar_point(other, 1);
+        assert_eq!(
+            (ring(&profile, 34.0, 46.0), ring(&profile, 1.0, 5.0)),
+            (None, None),
+            "{other:?}"
+        );
     }
 }
 

@@ -102,3 +102,54 @@ async fn a_picture_from_volumes_is_the_servers_own() {
         .count();
     assert!(changed > 1000, "{changed} values show the cloud");
 }
+
+/// What a scene chose reaches the kernels of who draws for themselves, and where no kernel has it, they are told to ask for frames.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn scenery_has_the_scenes_light_or_says_that_no_kernel_does() {
+    let server = empty_server(Limits::default()).await;
+    let mut plain = scene();
+    plain["effects"]["multiple_scattering"] = json!({ "octaves": 4 });
+    let with = |methods: serde_json::Value| {
+        let mut scene = plain.clone();
+        scene["methods"] = methods;
+        serde_json::from_value::<Scene>(scene).unwrap()
+    };
+    let mut told = Vec::new();
+    for (n, methods) in [
+        json!({}),
+        json!({ "phase": { "function": "rayleigh" }, "scattering": "multiple_forward",
+                "sun_occlusion": { "method": "secondary_march", "steps": 3 } }),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        server.state.create_world(with(methods)).await.unwrap();
+        let answer = server.get(&format!("/v1/worlds/w{}/scenery", n + 1)).await;
+        assert_eq!(answer.status, 200);
+        told.push(answer.json()["uniforms"].clone());
+    }
+    assert_eq!(told[0]["ViewFrame"]["secondary_steps"], json!(0.0));
+    assert_eq!(told[1]["ViewFrame"]["secondary_steps"], json!(3.0));
+    assert_eq!(told[0]["ViewFrame"]["octaves"], json!(4.0));
+    assert_eq!(told[1]["ViewFrame"]["octaves"], json!(0.0));
+    assert!(told[1]["ViewFrame"]["depth_scale"].as_f64().unwrap() < 1.0);
+    // Sideways Rayleigh's function is 3 / (16 pi), and droplets send next to nothing there.
+    let sideways = |told: &serde_json::Value| told["MarchPhase"]["quads"][4 * 511].as_f64().unwrap();
+    assert!((sideways(&told[1]) - 3.0 / (16.0 * std::f64::consts::PI)).abs() < 1e-3);
+    assert!(sideways(&told[0]) < 0.03);
+
+    server
+        .state
+        .create_world(with(
+            json!({ "sun_occlusion": { "method": "beer_shadow_map", "side": 64 } }),
+        ))
+        .await
+        .unwrap();
+    let refused = server.get("/v1/worlds/w3/scenery").await;
+    assert_eq!(
+        (refused.status, refused.json()["code"].clone()),
+        (400, json!("method_needs_cpu"))
+    );
+    let frame = server.get("/v1/worlds/w3/frame?width=32&height=18&format=png").await;
+    assert_eq!(frame.status, 200);
+}

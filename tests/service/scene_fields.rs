@@ -738,6 +738,13 @@ fn methods_are_read_and_judged() {
         json!({ "advection": "flux_form", "pressure": { "solver": "red_black_sor", "sweeps": 20, "relaxation": 1.7 } }),
     );
     parse_scene(&good.to_string(), &Limits::default()).expect("good methods");
+    for good in [
+        json!({ "scattering": "diffusion", "sun_occlusion": { "method": "beer_shadow_map", "side": 512 } }),
+        json!({ "sun_occlusion": { "method": "secondary_march", "steps": 8 }, "phase": { "function": "mie", "effective_radius_um": 9 } }),
+        json!({ "phase": { "function": "double_henyey_greenstein", "forward_asymmetry": 0.9, "backward_asymmetry": -0.4, "forward_share": 0.8 } }),
+    ] {
+        parse_scene(&with(good).to_string(), &Limits::default()).expect("good methods of light");
+    }
     for (methods, code, pointer, part) in [
         (
             json!({ "advection": "upwind" }),
@@ -793,6 +800,48 @@ fn methods_are_read_and_judged() {
             "/methods/pressure/cycles",
             "1 to 100",
         ),
+        (
+            json!({ "scattering": "radiosity" }),
+            "bad_scene",
+            "/methods/scattering",
+            "diffusion",
+        ),
+        (
+            json!({ "sun_occlusion": { "method": "light_grid", "side": 512 } }),
+            "bad_scene",
+            "/methods/sun_occlusion/side",
+            "unknown field",
+        ),
+        (
+            json!({ "sun_occlusion": { "method": "secondary_march", "steps": 0 } }),
+            "out_of_range",
+            "/methods/sun_occlusion/steps",
+            "1 to 512",
+        ),
+        (
+            json!({ "sun_occlusion": { "method": "fourier_opacity_map", "side": 5000 } }),
+            "out_of_range",
+            "/methods/sun_occlusion/side",
+            "16 to 4096",
+        ),
+        (
+            json!({ "phase": { "function": "henyey_greenstein", "asymmetry": 1.0 } }),
+            "out_of_range",
+            "/methods/phase/asymmetry",
+            "-0.999 to 0.999",
+        ),
+        (
+            json!({ "phase": { "function": "mie", "effective_radius_um": 0.1 } }),
+            "out_of_range",
+            "/methods/phase/effective_radius_um",
+            "1 to 50",
+        ),
+        (
+            json!({ "phase": { "function": "droplets", "diameter_um": 60 } }),
+            "out_of_range",
+            "/methods/phase/diameter_um",
+            "5 to 50",
+        ),
     ] {
         check(&with(methods), code, pointer, part);
     }
@@ -802,11 +851,30 @@ fn methods_are_read_and_judged() {
     // A method of what the scene does not have is refused like any knob that nothing reads.
     let mut still = full();
     still["effects"] = json!({});
-    for (methods, pointer) in [
-        (json!({ "advection": "flux_form" }), "/methods/advection"),
-        (json!({ "pressure": { "solver": "direct" } }), "/methods/pressure"),
+    for (methods, pointer, need) in [
+        (json!({ "advection": "flux_form" }), "/methods/advection", "`flow`"),
+        (
+            json!({ "pressure": { "solver": "direct" } }),
+            "/methods/pressure",
+            "`flow`",
+        ),
+        (
+            json!({ "scattering": "octaves" }),
+            "/methods/scattering",
+            "`multiple_scattering`",
+        ),
+        (
+            json!({ "sun_occlusion": { "method": "light_grid" } }),
+            "/methods/sun_occlusion",
+            "`moisture`",
+        ),
+        (
+            json!({ "phase": { "function": "rayleigh" } }),
+            "/methods/phase",
+            "`moisture`",
+        ),
     ] {
         still["methods"] = methods;
-        check(&still, "effect_needs", pointer, "`flow`");
+        check(&still, "effect_needs", pointer, need);
     }
 }

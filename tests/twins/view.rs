@@ -20,6 +20,7 @@ use welkin_shaders::catalogue::{VIEW_STAGES, Within};
 use welkin_shaders::cpu::light::Atmosphere;
 use welkin_shaders::cpu::light::analytic_sky::SkyMethod;
 use welkin_shaders::cpu::light::multiple_scattering_table::MultipleScatteringTable;
+use welkin_shaders::cpu::light::phase_table::PhaseChoice;
 use welkin_shaders::cpu::light::sky_light::SkyLight;
 use welkin_shaders::cpu::light::sky_table::{SkySource, SkyTable};
 use welkin_shaders::cpu::light::sky_visibility::sky_visibility;
@@ -28,7 +29,9 @@ use welkin_shaders::cpu::light::transmittance_table::TransmittanceTable;
 use welkin_shaders::cpu::view::detail_noise::DetailNoise;
 use welkin_shaders::cpu::view::occupancy::Occupancy;
 use welkin_shaders::cpu::view::shape::Shape;
-use welkin_shaders::cpu::view::{Detail, Ground, MoonPlace, Prepared, StarPlaces, ViewSettings, render};
+use welkin_shaders::cpu::view::{
+    Detail, Ground, MoonPlace, Prepared, Scattering, StarPlaces, SunOcclusion, ViewSettings, render,
+};
 use welkin_shaders::gpu::view_stages::{Air, ShapeGrid, SkyLightAsk, SkyView, SunMarch, ViewStages};
 use welkin_shaders::gpu::{Context, GpuError, GpuView};
 use welkin_shaders::view::Slab;
@@ -462,6 +465,25 @@ fn march(bench: &mut Bench) -> Vec<Pair> {
                         scale_m: 150.0,
                     });
                 }),
+            ),
+            (
+                "Mie from above, the sun behind",
+                changed(|v| {
+                    v.camera_position_m = [3200.0, -2000.0, 4000.0];
+                    v.elevation_deg = -30.0;
+                    v.sun_direction = sun(30.0, 180.0);
+                    v.lighting.phase = PhaseChoice::Mie {
+                        effective_radius_um: 9.0,
+                    };
+                }),
+            ),
+            (
+                "multiple forward scattering",
+                changed(|v| v.lighting.scattering = Scattering::MultipleForward),
+            ),
+            (
+                "a march from every sample",
+                changed(|v| v.lighting.sun_occlusion = SunOcclusion::SecondaryMarch { steps: 5 }),
             ),
             (
                 "dusk",

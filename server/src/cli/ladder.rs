@@ -8,18 +8,23 @@ use clap::{Args, ValueEnum};
 use super::{
     Failure, MachineFlags, Outcome, columns, interrupt_flag, make_folder, print_line, progress_bar, write_file,
 };
+use crate::ladder::light::{self, LightContext, LightReport, LightScene};
 use crate::ladder::{self, CaseReport, Context, LadderError, Report};
 
 pub(super) const EXAMPLES: &str = "\
 Examples:
   welkin ladder dynamics --quick           every rung of advection, pressure and subgrid, small
-  welkin ladder dynamics --out results     at full size; JSON, table and plot into a folder";
+  welkin ladder dynamics --out results     at full size; JSON, table and plot into a folder
+  welkin ladder light --quick              every way to light a cloud against traced paths, small
+  welkin ladder light --truths traced --out results     interrupt it, run it again: it goes on";
 
 /// Which ladders.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum Which {
     /// Advection, pressure, subgrid.
     Dynamics,
+    /// How clouds are lit, on the CPU.
+    Light,
 }
 
 #[derive(Args)]
@@ -33,6 +38,9 @@ pub(super) struct Options {
     /// Folder for JSON, table and plot.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Folder where the ladder of light keeps its traced pictures, and finds them again.
+    #[arg(long, value_name = "DIR")]
+    truths: Option<PathBuf>,
     /// Print the results as JSON.
     #[arg(long)]
     json: bool,
@@ -41,7 +49,7 @@ pub(super) struct Options {
 }
 
 pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
-    if let Some(folder) = &options.out {
+    for folder in options.out.iter().chain(&options.truths) {
         make_folder(folder)?;
     }
     let interrupted = interrupt_flag();
@@ -54,34 +62,148 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
         bar.set_position((1000.0 * share) as u64);
         !interrupted.load(Ordering::Relaxed)
     };
-    let context = Context {
-        quick: options.quick,
-        machine: options.machine.machine()?,
-        progress: &progress,
-    };
     let measured = match options.which {
-        Which::Dynamics => ladder::dynamics(&context),
+        Which::Dynamics => ladder::dynamics(&Context {
+            quick: options.quick,
+            machine: options.machine.machine()?,
+            progress: &progress,
+        })
+        .and_then(|report| written(&report, table(&report), "dynamics", vec![("", ladder::png(&report)?)])),
+        Which::Light => {
+            options.machine.size_pool(None);
+            light::light(&LightContext {
+                quick: options.quick,
+                truths: options.truths.as_deref(),
+                progress: &progress,
+            })
+            .and_then(|report| {
+                let plots = vec![
+                    ("", light::png(&report)?),
+                    ("-pictures", light::contact_sheet(&report)?),
+                ];
+                written(&report, light_table(&report), "light", plots)
+            })
+        }
     };
     bar.finish_and_clear();
-    let report = match measured {
-        Ok(report) => report,
+    let results = match measured {
+        Ok(results) => results,
         Err(LadderError::Interrupted) => return Ok(Outcome::Interrupted),
         Err(error) => return Err(Failure(error.to_string())),
     };
-    let json = serde_json::to_string_pretty(&report).map_err(|error| Failure(error.to_string()))?;
-    let text = table(&report);
     if let Some(folder) = &options.out {
-        let png = ladder::png(&report).map_err(|error| Failure(error.to_string()))?;
-        for (name, bytes) in [
-            ("ladder-dynamics.json", json.as_bytes()),
-            ("ladder-dynamics.txt", text.as_bytes()),
-            ("ladder-dynamics.png", &png),
-        ] {
+        for (name, bytes) in &results.files {
             write_file(&folder.join(name), bytes)?;
         }
     }
-    print_line(if options.json { &json } else { text.trim_end() })?;
+    print_line(if options.json {
+        &results.json
+    } else {
+        results.text.trim_end()
+    })?;
     Ok(Outcome::Done)
+}
+
+/// What is printed, and what goes into a folder.
+struct Results {
+    json: String,
+    text: String,
+    files: Vec<(String, Vec<u8>)>,
+}
+
+fn written(
+    report: &impl serde::Serialize,
+    text: String,
+    which: &str,
+    pictures: Vec<(&str, Vec<u8>)>,
+) -> Result<Results, LadderError> {
+    let json = serde_json::to_string_pretty(report)?;
+    let mut files = vec![
+        (format!("ladder-{which}.json"), json.clone().into_bytes()),
+        (format!("ladder-{which}.txt"), text.clone().into_bytes()),
+    ];
+    for (what, png) in pictures {
+        files.push((format!("ladder-{which}{what}.png"), png));
+    }
+    Ok(Results { json, text, files })
+}
+
+fn light_table(report: &LightReport) -> String {
+    let short = if report.quick { ", small" } else { "" };
+    let mut text = format!("welkin {} on {}{short}\n", report.version, report.device);
+    for scene in &report.scenes {
+        let LightScene {
+            scene: name,
+            what,
+            size: [width, height],
+            paths,
+            truth_error,
+            truth_s,
+            rows,
+            ..
+        } = scene;
+        text += &format!(
+            "\n{name}: {what}\ntruth: {width} x {height} pixels, {paths} paths each, relative error {truth_error:.3}, {truth_s:.0} s\n"
+        );
+        let head = [
+            "LADDER",
+            "RUNG",
+            "ERROR",
+            "OF OCCLUSION",
+            "FLIP",
+            "BRIGHTNESS",
+            "MS MARCH",
+            "MS A TICK",
+            "KIB",
+            "PARETO",
+        ];
+        let lines = rows.iter().map(|row| {
+            [
+                row.ladder.to_owned(),
+                row.rung.clone(),
+                format!("{:.3}", row.error),
+                row.occlusion_error.map_or("-".to_owned(), |v| format!("{v:.3}")),
+                format!("{:.3}", row.flip),
+                format!("{:.3}", row.brightness),
+                format!("{:.1}", row.march_ms),
+                format!("{:.1}", row.sun_ms),
+                (row.bytes / 1024).to_string(),
+                if row.pareto { "*".to_owned() } else { String::new() },
+            ]
+        });
+        text += &columns(
+            std::iter::once(head.map(str::to_owned)).chain(lines).collect(),
+            [false, false, true, true, true, true, true, true, true, false],
+        );
+    }
+    text += "\nslabs: share of the flux that is reflected, and in brackets all that leaves (1 is right); discrete ordinates first\n";
+    let rungs = report.slabs.first().map(|row| row.march.as_slice()).unwrap_or_default();
+    let head = ["DEPTH", "G", "MU0", "DISCRETE"].map(str::to_owned);
+    let head: Vec<String> = head
+        .into_iter()
+        .chain(rungs.iter().map(|r| r.rung.to_uppercase()))
+        .collect();
+    let lines = report.slabs.iter().map(|row| {
+        let own = [
+            row.optical_depth.to_string(),
+            row.asymmetry.to_string(),
+            row.sun_cosine.to_string(),
+            format!("{:.4}", row.discrete_ordinates),
+        ];
+        let march = row
+            .march
+            .iter()
+            .map(|r| format!("{:.3} ({:.2})", r.reflected, r.in_all));
+        own.into_iter().chain(march).collect::<Vec<String>>()
+    });
+    for line in std::iter::once(head).chain(lines) {
+        let cells = line.iter().enumerate().map(|(n, cell)| {
+            let width = if n < 3 { 5 } else { 17 };
+            format!("{cell:>width$}")
+        });
+        text += &format!("{}\n", cells.collect::<String>());
+    }
+    text
 }
 
 fn table(report: &Report) -> String {

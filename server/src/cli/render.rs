@@ -99,9 +99,9 @@ pub(super) struct Options {
     /// Trace so many paths of light a pixel in place of the march: slow, on the CPU, and right but for the noise that is printed.
     #[arg(long, value_name = "N", conflicts_with = "still", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     paths: Option<u32>,
-    /// How droplets turn the traced light: the fit that the march has, or Mie's functions, which have fogbow and glory.
-    #[arg(long, value_enum, default_value = "droplets", requires = "paths")]
-    phase: Phase,
+    /// How droplets turn the traced light; as the scene says unless given.
+    #[arg(long, value_enum, requires = "paths")]
+    phase: Option<Phase>,
     #[command(flatten)]
     flags: SceneFlags,
 }
@@ -161,20 +161,16 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
             String::new(),
         ),
         Some(paths) => {
-            let settings = picture::settings(&snapshot, world.scene(), &camera, options.size.map(|n| n as usize));
+            let mut settings = picture::settings(&snapshot, world.scene(), &camera, options.size.map(|n| n as usize));
             let bar = progress_bar(f64::from(paths), "tracing");
-            let phase = options.phase.choice();
-            let traced = picture::path_trace(
-                snapshot.volume.as_deref(),
-                &settings,
-                phase,
-                paths,
-                &mut |done, error| {
-                    bar.set_position(u64::from(done));
-                    bar.set_message(format!("tracing, error {:.1} %", 100.0 * error));
-                    !interrupted.load(Ordering::Relaxed)
-                },
-            );
+            if let Some(phase) = options.phase {
+                settings.lighting.phase = phase.choice();
+            }
+            let traced = picture::path_trace(snapshot.volume.as_deref(), &settings, paths, &mut |done, error| {
+                bar.set_position(u64::from(done));
+                bar.set_message(format!("tracing, error {:.1} %", 100.0 * error));
+                !interrupted.load(Ordering::Relaxed)
+            });
             bar.finish_and_clear();
             if interrupted.load(Ordering::Relaxed) {
                 return Ok(Outcome::Interrupted);

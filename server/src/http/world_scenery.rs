@@ -3,6 +3,7 @@
 use axum::Json;
 use welkin_proto::view::Scenery;
 
+use super::error::Refusal;
 use super::extract::WorldOf;
 use super::route::Route;
 use crate::scenery;
@@ -13,8 +14,9 @@ pub fn route() -> Route {
     Route::get("/v1/worlds/{id}/scenery", summary, of)
         .of_world()
         .json::<Scenery>(200, "Values of members of uniforms.")
+        .error("method_needs_cpu")
 }
 
-async fn of(WorldOf(host): WorldOf) -> Json<Scenery> {
-    Json(scenery::scenery(&host.view().newest().snapshot))
+async fn of(WorldOf(host): WorldOf) -> Result<Json<Scenery>, Refusal> {
+    Ok(Json(scenery::scenery(&host.view().newest().snapshot)?))
 }

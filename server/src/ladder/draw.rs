@@ -52,7 +52,7 @@ pub fn png(report: &Report) -> Result<Vec<u8>, PlotError> {
                 log: [true, true],
                 series,
                 notes,
-                legend: [true, false],
+                legend: [false, true],
                 ..Chart::default()
             }));
         }

@@ -5,6 +5,7 @@
 
 mod cases;
 mod draw;
+pub mod light;
 
 use std::time::Instant;
 
@@ -60,6 +61,9 @@ pub enum LadderError {
     /// The truth itself is not finite.
     #[error("the reference run of {0} is not finite")]
     Reference(&'static str),
+    /// What is kept for another time cannot be written.
+    #[error("cannot write {0}: {1}")]
+    Kept(String, std::io::Error),
     /// Somebody wants it to end.
     #[error("interrupted")]
     Interrupted,
@@ -208,7 +212,8 @@ pub fn contenders(ladder: Ladder) -> Vec<Contender> {
                 }
             }
             Ladder::Pressure => with_settings(PRESSURE_SETTINGS, &plain, &mut all),
-            Ladder::Subgrid | Ladder::Microphysics | Ladder::Sky => with_settings(SUBGRID_SETTINGS, &plain, &mut all),
+            // Of light nothing is asked here: `light` has its own cases.
+            _ => with_settings(SUBGRID_SETTINGS, &plain, &mut all),
         }
     }
     all
@@ -275,7 +280,7 @@ impl Contender {
                 document["methods"]["pressure"] = method;
             }
             Ladder::Sky => document["methods"]["sky"] = json!(name),
-            Ladder::Subgrid | Ladder::Microphysics => {
+            _ => {
                 let own = effect_of(self.rung);
                 for rung in self.ladder.rungs() {
                     if let Some(effect) = effect_of(rung)
@@ -407,15 +412,23 @@ fn measure(context: &Context, case: &Case, contender: &Contender) -> Result<Row,
 
 /// Marks each row that no other row of its ladder beats in both cost and error.
 fn mark_pareto(rows: &mut [Row]) {
-    let points: Vec<Option<(f64, f64)>> = rows.iter().map(|r| r.ms_per_tick.zip(r.error)).collect();
     let ladders: Vec<&str> = rows.iter().map(|r| r.ladder).collect();
-    for i in 0..rows.len() {
-        let Some((cost, error)) = points[i] else { continue };
-        rows[i].pareto = !(0..rows.len()).any(|j| {
-            let other = points[j].filter(|_| j != i && ladders[j] == ladders[i]);
-            other.is_some_and(|(c, e)| c <= cost && e <= error && (c < cost || e < error))
-        });
+    for ladder in &ladders {
+        let own = |r: &Row| r.ms_per_tick.zip(r.error).filter(|_| r.ladder == *ladder);
+        let points: Vec<Option<(f64, f64)>> = rows.iter().map(own).collect();
+        for (row, on) in rows.iter_mut().zip(on_front(&points)) {
+            row.pareto |= on;
+        }
     }
+}
+
+/// Which points, cost and error, no other point beats in both.
+fn on_front(points: &[Option<(f64, f64)>]) -> Vec<bool> {
+    let beaten = |(cost, error): (f64, f64)| {
+        let mut others = points.iter().flatten();
+        others.any(|&(c, e)| c <= cost && e <= error && (c < cost || e < error))
+    };
+    points.iter().map(|point| point.is_some_and(|p| !beaten(p))).collect()
 }
 
 #[cfg(test)]

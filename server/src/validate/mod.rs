@@ -7,7 +7,7 @@ mod bomex;
 mod bubbles;
 mod compressible;
 mod density_current;
-mod slab;
+pub(crate) mod slab;
 mod wind_tunnel;
 
 use std::borrow::Cow;

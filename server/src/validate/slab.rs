@@ -7,11 +7,11 @@ use welkin_shaders::cpu::light::phase_table::PhaseChoice;
 use super::{Aim, Context, Figure, Findings, ValidateError};
 
 /// Optical depths of the rows of [`REFLECTED`].
-const DEPTHS: [f64; 4] = [1.0, 4.0, 16.0, 64.0];
+pub(crate) const DEPTHS: [f64; 4] = [1.0, 4.0, 16.0, 64.0];
 /// Asymmetry and cosine of the sun of its columns.
-const COLUMNS: [[f64; 2]; 4] = [[0.0, 1.0], [0.0, 0.5], [0.85, 1.0], [0.85, 0.5]];
+pub(crate) const COLUMNS: [[f64; 2]; 4] = [[0.0, 1.0], [0.0, 0.5], [0.85, 1.0], [0.85, 0.5]];
 /// Reflected share of the flux, by 64 streams.
-const REFLECTED: [[f64; 4]; 4] = [
+pub(crate) const REFLECTED: [[f64; 4]; 4] = [
     [0.34133, 0.49838, 0.04232, 0.16488],
     [0.69093, 0.78554, 0.19092, 0.41602],
     [0.90363, 0.93329, 0.55721, 0.69741],

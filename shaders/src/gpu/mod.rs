@@ -26,7 +26,9 @@ pub use view_stages::ViewStages;
 use crate::cpu::sim::{advect, cloud_extinction, reduce_cloud, saturation_adjustment, surface_flux};
 use crate::cpu::{light, view as view_twins};
 use crate::wgsl::Module;
-use view_stages::{Air, ShapeGrid, SkyLightAsk, SkyLightValues, SkyView, SunMarch, ViewFrame, VisibilitySweep};
+use view_stages::{
+    Air, MARCH_PHASE, ShapeGrid, SkyLightAsk, SkyLightValues, SkyView, SunMarch, ViewFrame, VisibilitySweep,
+};
 
 macro_rules! modules {
     ($($name:literal constants [$($constants:path),* $(,)?] structs [$($layout:expr),* $(,)?];)*) => {
@@ -100,5 +102,5 @@ modules! {
     "view/haze" constants [light::atmosphere::WGSL] structs [ViewFrame::LAYOUT];
     "view/ground" constants [view_twins::ground::WGSL, light::sky_visibility::WGSL] structs [SkyLightValues::LAYOUT, ViewFrame::LAYOUT];
     "view/tone_map" constants [view_twins::tone_map::WGSL] structs [];
-    "view/march" constants [view_twins::march::WGSL, light::sun_optical_depth::WGSL] structs [ViewFrame::LAYOUT, SkyLightValues::LAYOUT];
+    "view/march" constants [view_twins::march::WGSL, light::sun_optical_depth::WGSL, light::march_phase::WGSL] structs [ViewFrame::LAYOUT, SkyLightValues::LAYOUT, MARCH_PHASE];
 }

@@ -8,14 +8,16 @@ use std::sync::Arc;
 use super::view_stages::{Air, ShapeGrid, SkyLightAsk, SkyLightValues, SkyView, SunMarch, ViewFrame, ViewStages};
 use super::{Context, GpuError};
 use crate::CloudVolume;
+use crate::cpu::light::march_phase::MarchPhase;
 use crate::cpu::light::multiple_scattering_table::MultipleScatteringTable;
+use crate::cpu::light::phase_table::PhaseChoice;
 use crate::cpu::light::sky_light::SkyLight;
 use crate::cpu::light::sky_table::{SkyTable, horizon_sine, sun_azimuth};
 use crate::cpu::light::stars::StarTable;
 use crate::cpu::light::sun_optical_depth::marched_direction;
 use crate::cpu::light::transmittance_table::TransmittanceTable;
 use crate::cpu::view::haze::Haze;
-use crate::view::{Ground, LightKey, Look, SkyKey, Slab, SunLightKey, ViewSettings, fingerprint};
+use crate::view::{Ground, LightKey, Look, Scattering, SkyKey, Slab, SunLightKey, ViewSettings, fingerprint};
 
 /// Pixels that one submission draws at most: a slow GPU's watchdog ends what runs for seconds.
 const BAND_PIXELS: usize = 1 << 18;
@@ -76,6 +78,7 @@ pub struct GpuView {
     buffers: CloudBuffers,
     shape: Option<(u64, Option<Cloud>)>,
     sun_light: Option<(SunLightKey, CloudLight)>,
+    phase: Option<((PhaseChoice, Scattering), f32, wgpu::Buffer)>,
     frame: wgpu::Buffer,
     picture: Option<wgpu::Buffer>,
 }
@@ -104,6 +107,7 @@ impl GpuView {
             buffers: CloudBuffers::default(),
             shape: None,
             sun_light: None,
+            phase: None,
             frame,
             picture: None,
         })
@@ -137,6 +141,10 @@ impl GpuView {
         after: &mut dyn FnMut(&'static str),
     ) -> Result<Vec<u8>, GpuError> {
         let look = Look::new(settings, volume.map_or([0.0; 3], |v| v.air_displacement_m));
+        if look.lighting.needs_cpu() {
+            return Err(GpuError::NoShader { pass: "march" });
+        }
+        self.prepare_phase(&look, after)?;
         self.prepare_noise(after)?;
         self.prepare_air(&look, after)?;
         let key = volume.map_or(0, fingerprint);
@@ -149,6 +157,17 @@ impl GpuView {
         let picture = self.march(&look, settings)?;
         after("march");
         Ok(picture)
+    }
+
+    fn prepare_phase(&mut self, look: &Look, after: &mut dyn FnMut(&'static str)) -> Result<(), GpuError> {
+        let key = (look.lighting.phase, look.lighting.scattering);
+        if self.phase.as_ref().is_none_or(|(k, ..)| *k != key) {
+            let phase = MarchPhase::new(key.0, key.1);
+            let buffer = self.context.uniform("the phase function", phase.bytes())?;
+            self.phase = Some((key, phase.depth_scale, buffer));
+            after("march_phase");
+        }
+        Ok(())
     }
 
     fn prepare_noise(&mut self, after: &mut dyn FnMut(&'static str)) -> Result<(), GpuError> {
@@ -379,8 +398,8 @@ impl GpuView {
         let row_words = width.div_ceil(4) * 3;
         let bytes = (row_words * height) as u64 * 4;
         let picture = fit(&self.context, &mut self.picture, "the picture", bytes)?;
-        let (Some(noise), Some((_, air)), Some((_, sky)), Some((_, light))) =
-            (&self.noise, &self.air, &self.sky, &self.light)
+        let (Some(noise), Some((_, air)), Some((_, sky)), Some((_, light)), Some((_, depth_scale, phase))) =
+            (&self.noise, &self.air, &self.sky, &self.light, &self.phase)
         else {
             return Err(GpuError::Other {
                 message: "a table of the view is missing".to_owned(),
@@ -388,7 +407,7 @@ impl GpuView {
         };
         let shape = self.shape.as_ref().and_then(|(_, shape)| shape.as_ref());
         let cloud = shape.zip(self.sun_light.as_ref().map(|(_, light)| light));
-        let mut frame = ViewFrame::new(look, settings, cloud.is_some(), row_words);
+        let mut frame = ViewFrame::new(look, settings, cloud.is_some(), row_words, *depth_scale);
         let blank = &self.blank;
         let (grid, words, occupancy, light_words, shadow) = match &cloud {
             Some((c, l)) => (&c.uniform, &c.words, &c.occupancy, &l.words, &l.shadow),
@@ -407,6 +426,7 @@ impl GpuView {
             noise,
             &picture,
             self.stars.as_ref().map_or(&self.stages.no_stars, |(_, words)| words),
+            phase,
         ]);
         let band = (BAND_PIXELS / width).next_multiple_of(8).max(8);
         for first_row in (0..height).step_by(band) {
@@ -445,8 +465,8 @@ fn wide(v: [f32; 3], last: f32) -> [f32; 4] {
 }
 
 impl ViewFrame {
-    /// What the march is told of a picture; `first_row` is 0.
-    pub fn new(look: &Look, settings: &ViewSettings, cloud: bool, row_words: usize) -> ViewFrame {
+    /// What the march is told of a picture; `first_row` is 0. `depth_scale` is the phase function's.
+    pub fn new(look: &Look, settings: &ViewSettings, cloud: bool, row_words: usize, depth_scale: f32) -> ViewFrame {
         let haze = Haze::new(&look.air, look.position_m[2]);
         let [right, up, ahead] = look.axes;
         let [east, north] = sun_azimuth(look.table_sun);
@@ -470,12 +490,6 @@ impl ViewFrame {
             equator_y: wide(equator[1], 0.0),
             equator_z: wide(equator[2], 0.0),
             haze_per_m: wide(haze.rayleigh_per_m, haze.aerosol_per_m),
-            droplets: [
-                look.droplets.g_peak,
-                look.droplets.g_rest,
-                look.droplets.alpha,
-                look.droplets.weight,
-            ],
             ground_albedo: wide(look.ground.albedo(), 0.0),
             ground_tint: wide(look.ground.tint(), 0.0),
             detail_offset_m: wide(detail.map_or([0.0; 3], |d| d.offset_m), 0.0),
@@ -497,7 +511,8 @@ impl ViewFrame {
             night: look.night as u32,
             moon_sky: moon_sky.is_some() as u32,
             stars: look.stars.is_some() as u32,
-            ..Default::default()
+            secondary_steps: look.secondary_steps(),
+            depth_scale,
         }
     }
 }

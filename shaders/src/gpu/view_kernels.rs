@@ -1,7 +1,9 @@
 //! The kernels of light and view as a list: what is compiled by whoever draws with them, this GPU device or a browser.
 
 use super::Bind;
-use super::view_stages::{Air, ShapeGrid, SkyLightAsk, SkyLightValues, SkyView, SunMarch, ViewFrame, VisibilitySweep};
+use super::view_stages::{
+    Air, MARCH_PHASE, ShapeGrid, SkyLightAsk, SkyLightValues, SkyView, SunMarch, ViewFrame, VisibilitySweep,
+};
 use crate::wgsl::{self, Constant, Layout};
 use Bind::{Read, Uniform, Write};
 
@@ -25,7 +27,7 @@ const OCCUPANCY: &[Bind] = &[Uniform, Read, Write, Write, Write];
 const SUN: &[Bind] = &[Uniform, Uniform, Read, Read, Read, Read, Write, Write];
 const NOISE: &[Bind] = &[Write, Write, Write];
 const MARCH: &[Bind] = &[
-    Uniform, Uniform, Uniform, Read, Read, Read, Read, Read, Read, Read, Write, Uniform,
+    Uniform, Uniform, Uniform, Read, Read, Read, Read, Read, Read, Read, Write, Uniform, Uniform,
 ];
 
 macro_rules! kernels {
@@ -66,6 +68,7 @@ pub const VIEW_STRUCTS: &[Layout] = &[
     ShapeGrid::LAYOUT,
     SunMarch::LAYOUT,
     ViewFrame::LAYOUT,
+    MARCH_PHASE,
 ];
 
 /// The kernel of that name.

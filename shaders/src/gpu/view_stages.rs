@@ -7,6 +7,7 @@ use std::sync::Arc;
 use super::view_kernels::view_kernel;
 use super::{Context, GpuError, Kernel};
 use crate::cpu::light::Atmosphere;
+use crate::cpu::light::march_phase::PHASE_QUADS;
 use crate::cpu::light::multiple_scattering_table::{MULTIPLE_HEIGHTS, MULTIPLE_SUNS};
 use crate::cpu::light::sky_light::SkyLight;
 use crate::cpu::light::sky_table::{SKY_COLUMNS, SKY_HALF_ROWS, SkySource, horizon_sine};
@@ -16,6 +17,7 @@ use crate::cpu::light::sun_optical_depth::marched_direction;
 use crate::cpu::light::transmittance_table::{TRANSMITTANCE_DIRECTIONS, TRANSMITTANCE_HEIGHTS};
 use crate::cpu::view::detail_noise::TILE_POINTS;
 use crate::view::{Ground, Slab};
+use crate::wgsl::{Layout, Member};
 
 crate::constants! {
     /// Cells of whole lines that a workgroup of `sky_visibility` keeps; four numbers each.
@@ -192,6 +194,18 @@ crate::gpu_struct! {
     }
 }
 
+/// How clouds turn light, the twin's `MarchPhase`: a uniform, for the march binds all the storage that it may.
+pub const MARCH_PHASE: Layout = Layout {
+    name: "MarchPhase",
+    members: &[Member {
+        name: "quads",
+        kind: "array<vec4<f32>, PHASE_QUADS>",
+        offset: 0,
+        size: 16 * PHASE_QUADS,
+    }],
+    size: 16 * PHASE_QUADS,
+};
+
 crate::gpu_struct! {
     /// What the march of a picture is told.
     pub struct ViewFrame {
@@ -223,8 +237,6 @@ crate::gpu_struct! {
         pub equator_z: [f32; 4],
         /// Scattering by molecules at the camera, and extinction by aerosol, 1/m.
         pub haze_per_m: [f32; 4],
-        /// Asymmetry of the peak and of the rest, Draine's parameter, weight of the rest.
-        pub droplets: [f32; 4],
         /// The ground's mean albedo.
         pub ground_albedo: [f32; 4],
         /// How strongly patches change it.
@@ -267,10 +279,10 @@ crate::gpu_struct! {
         pub moon_sky: u32,
         /// Whether stars are drawn.
         pub stars: u32,
-        /// Fills 16 bytes.
-        pub unused_0: u32,
-        /// Fills 16 bytes.
-        pub unused_1: u32,
+        /// Steps of the march from each sample towards the sun; 0 takes the stored depths.
+        pub secondary_steps: u32,
+        /// Factor on optical depths towards the sun.
+        pub depth_scale: f32,
     }
 }
 
@@ -685,7 +697,7 @@ impl ViewStages {
     }
 
     /// Binds the buffers of `view/march` in its order.
-    pub fn bind_march(&self, buffers: &[&wgpu::Buffer; 12]) -> wgpu::BindGroup {
+    pub fn bind_march(&self, buffers: &[&wgpu::Buffer; 13]) -> wgpu::BindGroup {
         self.march.bind(&self.context, buffers)
     }
 

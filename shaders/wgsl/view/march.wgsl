@@ -26,6 +26,7 @@
 @group(0) @binding(9) var<storage, read> detail_words: array<u32>;
 @group(0) @binding(10) var<storage, read_write> picture: array<u32>;
 @group(0) @binding(11) var<uniform> star_words: array<vec4<u32>, STAR_WORDS / 4u>;
+@group(0) @binding(12) var<uniform> phase: MarchPhase;
 
 const LOG2_E = 1.44269504088896;
 const NEVER = 3.4e38;
@@ -85,6 +86,39 @@ fn extinction(p: vec3<f32>, t: f32, near: bool) -> f32 {
     return mix(plain, s.y * smooth_ramp(level / CARVE_RAMP), frame.detail_blend);
 }
 
+/// Light scattered once at the angle whose cosine is `mu`, three colours, 1/sr.
+fn phase_once(mu: f32) -> vec3<f32> {
+    let last = f32(PHASE_FIRST_HALF - 1u);
+    let back = mu < 0.0;
+    let place = last * select(sqrt(sqrt(max(1.0 - mu, 0.0))), sqrt(max(1.0 + mu, 0.0)), back);
+    let n = min(u32(place), PHASE_FIRST_HALF - 2u);
+    let i = n + select(0u, PHASE_FIRST_HALF, back);
+    return mix(phase.quads[i].rgb, phase.quads[i + 1u].rgb, place - f32(n));
+}
+
+/// The same of an octave, 1 to `OCTAVES_MAX`, with its weight.
+fn phase_of_octave(octave: u32, mu: f32) -> f32 {
+    let place = clamp(1.0 - mu, 0.0, 2.0) * (0.5 * f32(PHASE_OCTAVE_NODES - 1u));
+    let n = min(u32(place), PHASE_OCTAVE_NODES - 2u);
+    let i = (octave - 1u) * PHASE_OCTAVE_NODES + n;
+    let first = 2u * PHASE_FIRST_HALF;
+    let j = i + 1u;
+    return mix(phase.quads[first + i / 4u][i % 4u], phase.quads[first + j / 4u][j % 4u], place - f32(n));
+}
+
+/// Optical depth from `p` towards the sun by a march of steps that grow with distance; midpoint rule.
+fn secondary_march(p: vec3<f32>, t: f32) -> f32 {
+    let sun = frame.marched_beam.xyz;
+    let reach = clamp((shape.top_m - p.z) / sun.z, 0.0, SUN_MARCH_REACH_M);
+    let unit = reach / f32(frame.secondary_steps * frame.secondary_steps);
+    var depth = 0.0;
+    for (var i = 0u; i < frame.secondary_steps; i++) {
+        let n = f32(i);
+        depth += extinction(p + sun * (unit * (n * n + n + 0.5)), t, false) * unit * (2.0 * n + 1.0);
+    }
+    return depth;
+}
+
 fn march(d: vec3<f32>, curve: f32, ground_at: f32, turn: f32, pattern: f32) -> Met {
     var met = Met(vec3<f32>(0.0), 1.0, 0.0);
     let o = frame.position_m.xyz;
@@ -93,19 +127,19 @@ fn march(d: vec3<f32>, curve: f32, ground_at: f32, turn: f32, pattern: f32) -> M
     if (reach.x >= end) {
         return met;
     }
+    // Light that was scattered once has colours, what was scattered further the colours' mean.
+    let once = phase_once(turn);
     var phases: array<f32, OCTAVES_MAX + 1u>;
-    var weight = 1.0;
-    var eccentricity = 1.0;
-    for (var octave = 0u; octave <= OCTAVES_MAX; octave++) {
-        phases[octave] = select(0.0, droplets_phase(frame.droplets, eccentricity, turn) * weight, octave <= frame.octaves);
-        weight *= OCTAVE_CONTRIBUTION;
-        eccentricity *= OCTAVE_ECCENTRICITY;
+    for (var octave = 1u; octave <= frame.octaves; octave++) {
+        phases[octave] = phase_of_octave(octave, turn);
     }
-    let slowest = -LOG2_E / f32(1u << OCTAVES_MAX);
+    let slowest = -LOG2_E * frame.depth_scale / f32(1u << frame.octaves);
     let sun = frame.marched_beam.xyz;
     let covered = FINE_FIRST_LENGTH_M + FINE_SECOND_LENGTH_M;
 
     var through = 1.0;
+    var once_base = 0.0;
+    var once_rise = 0.0;
     var sun_base = 0.0;
     var sun_rise = 0.0;
     var from_sky = 0.0;
@@ -129,7 +163,8 @@ fn march(d: vec3<f32>, curve: f32, ground_at: f32, turn: f32, pattern: f32) -> M
             var depth = 0.0;
             // Finer steps matter while the ray is near and not yet dimmed; both fade.
             let fade = clamp((FINE_REACH_M - t) / FINE_FADE_M, 0.0, 1.0)
-                * clamp((through - FINE_DIMMED) / FINE_DIMMED, 0.0, 1.0);
+                * clamp((through - FINE_DIMMED) / FINE_DIMMED, 0.0, 1.0)
+                * select(0.0, 1.0, frame.secondary_steps == 0u);
             if (fade > 0.0) {
                 depth = fade * (extinction(p + sun * FINE_FIRST_M, t, false) * FINE_FIRST_LENGTH_M
                     + extinction(p + sun * FINE_SECOND_M, t, false) * FINE_SECOND_LENGTH_M);
@@ -142,19 +177,25 @@ fn march(d: vec3<f32>, curve: f32, ground_at: f32, turn: f32, pattern: f32) -> M
             let high = vec4<u32>(light_words[j], light_words[j + 1u], light_words[j + row], light_words[j + row + 1u]);
             let deep = vec4<u32>(0xffffu);
             let byte = vec4<u32>(0xffu);
-            depth += DEPTH_UNIT * trilinear(vec4<f32>(low & deep), vec4<f32>(high & deep), place.fraction);
+            if (frame.secondary_steps == 0u) {
+                depth += DEPTH_UNIT * trilinear(vec4<f32>(low & deep), vec4<f32>(high & deep), place.fraction);
+            } else {
+                depth = secondary_march(p, t);
+            }
             let sky_seen = trilinear(vec4<f32>((low >> vec4<u32>(16u)) & byte), vec4<f32>((high >> vec4<u32>(16u)) & byte), place.fraction);
             let ground_seen = trilinear(vec4<f32>(low >> vec4<u32>(24u)), vec4<f32>(high >> vec4<u32>(24u)), place.fraction);
             // The last octave's transmittance; squaring gives the one before.
             var passed = exp2(depth * slowest);
             var scattered = 0.0;
-            for (var octave = i32(OCTAVES_MAX); octave >= 0; octave--) {
+            for (var octave = frame.octaves; octave > 0u; octave--) {
                 scattered += phases[octave] * passed;
                 passed *= passed;
             }
             let kept = exp2(thick * step * -LOG2_E);
             let share = through * (1.0 - kept);
             let height = clamp((p.z - shape.bottom_m) / (shape.top_m - shape.bottom_m), 0.0, 1.0);
+            once_base += share * passed;
+            once_rise += share * passed * height;
             sun_base += share * scattered;
             sun_rise += share * scattered * height;
             from_sky += share * sky_seen;
@@ -165,8 +206,8 @@ fn march(d: vec3<f32>, curve: f32, ground_at: f32, turn: f32, pattern: f32) -> M
         }
         t += step;
     }
-    met.light = sun_base * light.sun_at_base.rgb
-        + sun_rise * (light.sun_at_top.rgb - light.sun_at_base.rgb)
+    met.light = (once_base * once + sun_base) * light.sun_at_base.rgb
+        + (once_rise * once + sun_rise) * (light.sun_at_top.rgb - light.sun_at_base.rgb)
         + from_sky * (0.5 / 255.0) * light.sky_radiance.rgb
         + from_ground * (0.5 / 255.0) * light.ground_radiance.rgb
             * (1.0 - COVERED_GROUND + COVERED_GROUND * sunlit_share());

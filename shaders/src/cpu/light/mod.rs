@@ -5,7 +5,9 @@
 
 pub mod analytic_sky;
 pub mod atmosphere;
+pub mod diffusion;
 pub mod hosek_wilkie;
+pub mod march_phase;
 pub mod mie;
 pub mod moon;
 pub mod multiple_scattering_table;
@@ -17,6 +19,7 @@ pub mod sky_light;
 pub mod sky_table;
 pub mod sky_visibility;
 pub mod stars;
+pub mod sun_map;
 pub mod sun_optical_depth;
 pub mod transmittance_table;
 

@@ -2,8 +2,8 @@
 //!
 //! Reads: [`PhaseChoice`]. Writes: [`PhaseTable`]: the share of light that is turned by an angle, a steradian, at [`PHASE_NODES`] angles, dense towards both
 //! the sun and the antisolar point, in three colours. Scheme: functions are evaluated at the nodes (Mie: [`super::mie`]) and scaled so that the integral
-//! over the sphere is 1; between nodes they are linear in the cosine, so that drawing from them and their value agree exactly. The march does not
-//! read it yet: it has the fit of Jendersie and d'Eon as a formula.
+//! over the sphere is 1; between nodes they are linear in the cosine, so that drawing from them and their value agree exactly. What the march
+//! looks up is made of it (`march_phase`).
 //!
 //! The chopped peak (seed 000, after Lenoble 1985 and Bouthors 2008): below 8 degrees the function is cut to its value there. The path tracer draws from the
 //! peak and from the rest apart; nothing is left out.

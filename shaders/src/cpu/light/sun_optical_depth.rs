@@ -20,7 +20,7 @@ crate::constants! {
     /// Points farther than this from cloud, m, are left empty.
     const SUN_LIGHT_MARGIN_M: f32 = 130.0;
     /// No march goes farther, m.
-    const SUN_MARCH_REACH_M: f32 = 12_000.0;
+    pub(crate) const SUN_MARCH_REACH_M: f32 = 12_000.0;
     /// Length of the first step, m.
     const SUN_MARCH_STEP_M: f32 = 30.0;
     /// Growth of steps with distance.
@@ -28,7 +28,7 @@ crate::constants! {
     /// Steps at most.
     const SUN_MARCH_STEPS: u32 = 200;
     /// Optical depth at which a march ends: nothing more is to be learnt.
-    const SUN_MARCH_DEEP: f32 = 60.0;
+    pub(crate) const SUN_MARCH_DEEP: f32 = 60.0;
 }
 
 /// See the module.

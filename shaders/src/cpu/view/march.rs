@@ -5,7 +5,9 @@
 //! distance; a step's light is integrated in closed form (Hillaire 2015). Its source is sunlight that passed the cloud (the stored
 //! optical depth, and two finer steps with the detail noise while the ray is near and little dimmed), scattered once by the droplets' phase function and further by
 //! octaves (Wrenninge et al. 2013: each with half the extinction, a share of the light, a rounder phase), and the diffuse
-//! light of sky and ground. A ray ends below 1 % transmittance. The air between is put in once, at the mean distance of the light.
+//! light of sky and ground. In place of the stored depth there may be a march from each sample or a map of the sun's rays, in place of the octaves
+//! multiple forward scattering or diffused light: [`crate::view::Lighting`]. Octaves don't keep energy: they give thin cloud light that it does not get (their
+//! weights sum to more than 1) and thick cloud less than it has; the others never give more than comes in (`welkin ladder light` prints both). A ray ends below 1 % transmittance. The air between is put in once, at the mean distance of the light.
 //!
 //! Floor of the cost: a sample gathers 8 words of shape, 4 to 8 of noise, 8 of light, and with two finer steps 24 more: about 45
 //! gathers of 16 lanes at 20 cycles and 900 vector operations at 2 a cycle, 1400 cycles a packet; a 640x360 picture is 14,400 packets
@@ -21,12 +23,15 @@ use super::lanes::{LANES, Lanes};
 use super::shape::{CARVE_EDGE, Shape, trilinear};
 use super::{ground, tone_map};
 use crate::cpu::light::atmosphere::EARTH_RADIUS_M;
+use crate::cpu::light::diffusion::Diffuse;
+use crate::cpu::light::march_phase::MarchPhase;
 use crate::cpu::light::moon::MoonDisc;
-use crate::cpu::light::phase::Droplets;
+use crate::cpu::light::phase::henyey_greenstein;
 use crate::cpu::light::sky_light::SkyLight;
 use crate::cpu::light::sky_table::SkyTable;
 use crate::cpu::light::stars::StarField;
-use crate::cpu::light::sun_optical_depth::{DEPTH_UNIT, SunLight, marched_direction};
+use crate::cpu::light::sun_map::SunMap;
+use crate::cpu::light::sun_optical_depth::{DEPTH_UNIT, SUN_MARCH_REACH_M, SunLight, marched_direction};
 use crate::cpu::light::transmittance_table::SUN_ANGULAR_RADIUS;
 use crate::view::FrameDetail;
 
@@ -72,8 +77,8 @@ crate::constants! {
     /// Transmittance at which a ray ends.
     const MARCH_THROUGH_END: f32 = 0.01;
     /// Share of light each octave keeps, and of asymmetry.
-    const OCTAVE_CONTRIBUTION: f32 = 0.68;
-    const OCTAVE_ECCENTRICITY: f32 = 0.55;
+    pub(crate) const OCTAVE_CONTRIBUTION: f32 = 0.68;
+    pub(crate) const OCTAVE_ECCENTRICITY: f32 = 0.55;
     /// Share of the ground's light that clouds can take by their shadow.
     const COVERED_GROUND: f32 = 0.6;
     /// Width of the sun's edge, pixels.
@@ -88,6 +93,17 @@ const FINE_STEPS_M: [[f32; 2]; 2] = [
     [FINE_FIRST_M, FINE_FIRST_LENGTH_M],
     [FINE_SECOND_M, FINE_SECOND_LENGTH_M],
 ];
+
+/// What tells how much cloud lies towards the sun.
+#[derive(Clone, Copy, Debug)]
+pub enum Occlusion<'a> {
+    /// The cloud's light and two finer steps.
+    Grid,
+    /// A march of so many steps.
+    Steps(u32),
+    /// A map.
+    Map(&'a SunMap),
+}
 
 /// All that a picture needs, tables made.
 pub struct Frame<'a> {
@@ -133,8 +149,12 @@ pub struct Frame<'a> {
     pub detail: Option<FrameDetail>,
     /// Octaves after the first.
     pub octaves: usize,
-    /// Droplets' phase function.
-    pub droplets: Droplets,
+    /// How light is turned.
+    pub phase: &'a MarchPhase,
+    /// What tells how much cloud lies towards the sun.
+    pub occlusion: Occlusion<'a>,
+    /// Diffuse light in the cloud, in place of octaves.
+    pub diffuse: Option<&'a Diffuse>,
     /// Sun at the disc: transmittance towards it from the camera.
     pub sun_disc: [f32; 3],
 }
@@ -209,6 +229,26 @@ pub fn draw_rows(frame: &Frame<'_>, first_row: usize, out: &mut [u8]) {
                 for c in 0..3 {
                     out[y * row_bytes + x * 3 + c] = rgb[c].0[l] as u8;
                 }
+            }
+        }
+    }
+}
+
+/// As [`draw_rows`], but gives radiance: three floats a pixel, before exposure and tone map.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma",
+    "x86_64+avx2+fma",
+    "aarch64+neon"
+))]
+pub fn radiance_rows(frame: &Frame<'_>, first_row: usize, out: &mut [[f32; 3]]) {
+    for first_column in (0..frame.width).step_by(LANES / PACKET_ROWS) {
+        let px = Lanes::from_fn(|l| (first_column + l % 4).min(frame.width - 1) as f32 + 0.5);
+        let py = Lanes::from_fn(|l| (first_row + l / 4).min(frame.height - 1) as f32 + 0.5);
+        let (light, _) = packet(frame, px, py);
+        for l in 0..LANES {
+            let (x, at) = (first_column + l % 4, l / 4 * frame.width + first_column + l % 4);
+            if x < frame.width && at < out.len() {
+                out[at] = [light[0].0[l], light[1].0[l], light[2].0[l]];
             }
         }
     }
@@ -336,21 +376,27 @@ fn march(
     if !(end - first).any_above(0.0) {
         return met;
     }
+    // Light that was scattered once has colours, what was scattered further the colours' mean.
+    let mut once = [zero; 3];
     let mut phases = [zero; OCTAVES_MAX + 1];
-    let mut weight = 1.0;
-    let mut eccentricity = 1.0;
-    for phase in phases.iter_mut().take(frame.octaves + 1) {
-        for l in 0..LANES {
-            phase.0[l] = frame.droplets.value(eccentricity, turn.0[l]) * weight;
+    for l in 0..LANES {
+        let first = frame.phase.first(turn.0[l]);
+        for c in 0..3 {
+            once[c].0[l] = first[c];
         }
-        weight *= OCTAVE_CONTRIBUTION;
-        eccentricity *= OCTAVE_ECCENTRICITY;
+        for (octave, phase) in phases.iter_mut().enumerate().take(frame.octaves + 1).skip(1) {
+            phase.0[l] = frame.phase.octave(octave, turn.0[l]);
+        }
+        if let Some(diffuse) = frame.diffuse {
+            phases[1].0[l] = henyey_greenstein(1.0 - diffuse.similarity, turn.0[l]);
+        }
     }
-    let slowest = -std::f32::consts::LOG2_E * 0.5f32.powi(frame.octaves as i32);
+    let slowest = -std::f32::consts::LOG2_E * frame.phase.depth_scale * 0.5f32.powi(frame.octaves as i32);
     let sun = marched_direction(frame.beam_direction);
     let per_depth = 1.0 / (shape.top_m - shape.bottom_m);
 
     let mut through = one;
+    let (mut once_base, mut once_rise) = (zero, zero);
     let (mut sun_base, mut sun_rise, mut from_sky, mut from_ground) = (zero, zero, zero, zero);
     let (mut distance, mut weights) = (zero, zero);
     let mut t = first + pattern * step_m(first);
@@ -374,7 +420,8 @@ fn march(
             if extinction.any_above(0.0) {
                 let mut depth = zero;
                 let mut at = p;
-                if close < FINE_REACH_M && (through * here).any_above(FINE_DIMMED) {
+                let by_grid = matches!(frame.occlusion, Occlusion::Grid);
+                if by_grid && close < FINE_REACH_M && (through * here).any_above(FINE_DIMMED) {
                     // Faded by what the ray itself has met, so that it does not matter which rays share its packet.
                     let undimmed = ((through - FINE_DIMMED) * (1.0 / FINE_DIMMED)).clamp(0.0, 1.0);
                     let fade =
@@ -392,19 +439,32 @@ fn march(
                 }
                 let (index, f) = shape.place(at[0], at[1], at[2]);
                 let corners = shape.corners(&sun_light.words, index);
-                depth = depth + trilinear(&corners, 0, 0xffff, &f) * DEPTH_UNIT;
+                depth = match frame.occlusion {
+                    Occlusion::Grid => depth + trilinear(&corners, 0, 0xffff, &f) * DEPTH_UNIT,
+                    Occlusion::Steps(steps) => secondary_march(frame, shape, &p, &sun, steps, t),
+                    Occlusion::Map(map) => map.optical_depth(p[0], p[1], p[2]),
+                };
                 let sky_seen = trilinear(&corners, 16, 0xff, &f) * (1.0 / 255.0);
                 let ground_seen = trilinear(&corners, 24, 0xff, &f) * (1.0 / 255.0);
                 // The last octave's transmittance; squaring gives the one before.
                 let mut passed = (depth * slowest).exp2();
                 let mut scattered = zero;
-                for octave in (0..=frame.octaves).rev() {
+                for octave in (1..=frame.octaves).rev() {
                     scattered = scattered + phases[octave] * passed;
                     passed = passed * passed;
+                }
+                if let Some(diffuse) = frame.diffuse {
+                    let onward = (depth * (-std::f32::consts::LOG2_E * diffuse.similarity)).exp2();
+                    let (cover, amplitude) = shape.sample(p[0], p[1], p[2]);
+                    let mean = shape.mean_extinction(cover, amplitude, frame.detail.is_some());
+                    let fluence = diffuse.towards(shape, &p, d, mean);
+                    scattered = phases[1] * (onward - passed) + fluence * (0.25 / std::f32::consts::PI);
                 }
                 let kept = (extinction * step * -std::f32::consts::LOG2_E).exp2();
                 let share = through * (one - kept);
                 let height = ((p[2] - shape.bottom_m) * per_depth).clamp(0.0, 1.0);
+                once_base = once_base + share * passed;
+                once_rise = once_rise + share * passed * height;
                 sun_base = sun_base + share * scattered;
                 sun_rise = sun_rise + share * scattered * height;
                 from_sky = from_sky + share * sky_seen;
@@ -419,8 +479,8 @@ fn march(
     }
     let light = frame.light;
     for c in 0..3 {
-        met.light[c] = sun_base * light.sun_at_base[c]
-            + sun_rise * (light.sun_at_top[c] - light.sun_at_base[c])
+        met.light[c] = (once_base * once[c] + sun_base) * light.sun_at_base[c]
+            + (once_rise * once[c] + sun_rise) * (light.sun_at_top[c] - light.sun_at_base[c])
             + from_sky * (0.5 * light.sky_radiance[c])
             + from_ground
                 * (0.5 * light.ground_radiance[c] * (1.0 - COVERED_GROUND + COVERED_GROUND * sun_light.sunlit_share));
@@ -428,6 +488,21 @@ fn march(
     met.through = ((through - MARCH_THROUGH_END) * (1.0 / (1.0 - MARCH_THROUGH_END))).clamp(0.0, 1.0);
     met.distance_m = distance / weights.max(Lanes::splat(1e-6));
     met
+}
+
+/// Optical depth from `p` towards the sun by a march of `steps` steps, each longer than the one before by the same length; midpoint rule.
+#[inline(always)]
+fn secondary_march(frame: &Frame<'_>, shape: &Shape, p: &[Lanes; 3], sun: &[f32; 3], steps: u32, t: Lanes) -> Lanes {
+    let reach = ((Lanes::splat(shape.top_m) - p[2]) * (1.0 / sun[2])).clamp(0.0, SUN_MARCH_REACH_M);
+    let unit = reach * (1.0 / (steps * steps) as f32);
+    let mut depth = Lanes::splat(0.0);
+    for n in 0..steps {
+        let n = n as f32;
+        let at = unit * (n * n + n + 0.5);
+        let q = [p[0] + at * sun[0], p[1] + at * sun[1], p[2] + at * sun[2]];
+        depth = depth + extinction(frame, shape, &q, t, NEAR_DETAIL_M) * unit * (2.0 * n + 1.0);
+    }
+    depth
 }
 
 /// Length of a step in cloud at distance `t`, m.

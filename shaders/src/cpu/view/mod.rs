@@ -17,6 +17,8 @@ use rayon::prelude::*;
 
 use crate::CloudVolume;
 use crate::cpu::light::Atmosphere;
+use crate::cpu::light::diffusion::Diffuse;
+use crate::cpu::light::march_phase::MarchPhase;
 use crate::cpu::light::moon::MoonDisc;
 use crate::cpu::light::multiple_scattering_table::MultipleScatteringTable;
 use crate::cpu::light::path_tracer::{Film, Scatterer, volume};
@@ -25,14 +27,17 @@ use crate::cpu::light::sky_light::SkyLight;
 use crate::cpu::light::sky_table::SkyTable;
 use crate::cpu::light::sky_visibility::sky_visibility;
 use crate::cpu::light::stars::{StarField, StarTable};
+use crate::cpu::light::sun_map::SunMap;
 use crate::cpu::light::sun_optical_depth::SunLight;
 use crate::cpu::light::transmittance_table::TransmittanceTable;
-pub use crate::view::{Detail, Ground, MoonPlace, StarPlaces, ViewSettings};
-use crate::view::{LightKey, Look, SkyKey, SunLightKey, fingerprint};
+pub use crate::view::{
+    Detail, Ground, Lighting, MapKind, MoonPlace, Scattering, StarPlaces, SunOcclusion, ViewSettings,
+};
+use crate::view::{DiffuseKey, LightKey, Look, SkyKey, SunLightKey, SunMapKey, fingerprint};
 use detail_noise::DetailNoise;
 use haze::Haze;
 use lanes::Lanes;
-use march::{Frame, PACKET_ROWS};
+use march::{Frame, Occlusion, PACKET_ROWS};
 use shape::Shape;
 use tone_map::luminance;
 
@@ -41,12 +46,15 @@ use tone_map::luminance;
 pub struct Prepared {
     noise: Option<DetailNoise>,
     scatterer: Option<(PhaseChoice, Scatterer)>,
+    phase: Option<((PhaseChoice, Scattering), MarchPhase)>,
     air: Option<(Atmosphere, TransmittanceTable, MultipleScatteringTable)>,
     sky: Option<(SkyKey, SkyTable, Option<SkyTable>)>,
     stars: Option<([f32; 2], StarTable)>,
     light: Option<(LightKey, SkyLight)>,
     shape: Option<(u64, Option<CloudShape>)>,
     sun_light: Option<(SunLightKey, SunLight)>,
+    sun_map: Option<(SunMapKey, SunMap)>,
+    diffuse: Option<(DiffuseKey, Diffuse)>,
 }
 
 struct CloudShape {
@@ -91,14 +99,29 @@ pub fn render_watched(
     picture
 }
 
-/// Adds `samples` paths a pixel to a film of the same picture (stage `path_tracer`); `phase` is how droplets turn light (the march has the choice's default),
-/// `albedo` the share of extinction by cloud that is scattering.
-/// Octaves are not looked at: a path scatters as often as it will.
+/// As [`render`], but gives radiance relative to the sun's irradiance above the air, three floats a pixel, before exposure and tone map.
+pub fn radiance(volume: Option<&CloudVolume>, settings: &ViewSettings, prepared: &mut Prepared) -> Vec<[f32; 3]> {
+    let width = settings.width;
+    let mut pixels = vec![[0.0f32; 3]; width * settings.height];
+    if pixels.is_empty() {
+        return pixels;
+    }
+    let look = prepare(volume, settings, prepared, &mut |_| {});
+    if let Some(frame) = prepared.frame(&look, settings) {
+        pixels
+            .par_chunks_mut(PACKET_ROWS * width)
+            .enumerate()
+            .for_each(|(n, rows)| march::radiance_rows(&frame, n * PACKET_ROWS, rows));
+    }
+    pixels
+}
+
+/// Adds `samples` paths a pixel to a film of the same picture (stage `path_tracer`); `albedo` is the share of extinction by cloud that is scattering.
+/// Of the view's lighting the phase function alone is looked at: a path scatters as often as it will.
 pub fn path_trace(
     volume: Option<&CloudVolume>,
     settings: &ViewSettings,
     prepared: &mut Prepared,
-    phase: PhaseChoice,
     albedo: f64,
     film: &mut Film,
     samples: u32,
@@ -107,6 +130,7 @@ pub fn path_trace(
         return;
     }
     let look = prepare(volume, settings, prepared, &mut |_| {});
+    let phase = settings.lighting.phase;
     if prepared.scatterer.as_ref().is_none_or(|(choice, _)| *choice != phase) {
         prepared.scatterer = Some((phase, Scatterer::new(phase)));
     }
@@ -200,6 +224,11 @@ fn prepare(
         prepared.light = Some((light_key, light));
         after("sky_light");
     }
+    let phase_key = (look.lighting.phase, look.lighting.scattering);
+    if prepared.phase.as_ref().is_none_or(|(k, _)| *k != phase_key) {
+        prepared.phase = Some((phase_key, MarchPhase::new(phase_key.0, phase_key.1)));
+        after("march_phase");
+    }
     if let Some(cloud) = cloud {
         let key = look.sun_light_key(cloud_key);
         if prepared.sun_light.as_ref().is_none_or(|(k, _)| *k != key) {
@@ -207,6 +236,21 @@ fn prepare(
             let sun_light = SunLight::new(&cloud.shape, &cloud.visibility, carved, look.table_beam);
             prepared.sun_light = Some((key, sun_light));
             after("sun_optical_depth");
+        }
+        if let (Some(key), Some(noise)) = (look.sun_map_key(cloud_key), &prepared.noise)
+            && prepared.sun_map.as_ref().is_none_or(|(k, _)| *k != key)
+        {
+            let (_, detail, kind, side, sun) = key;
+            prepared.sun_map = Some((key, SunMap::new(&cloud.shape, noise, detail, kind, side, sun)));
+            after("sun_map");
+        }
+        if let (Some(key), Some((_, sun_light)), Some((_, phase))) =
+            (look.diffuse_key(cloud_key), &prepared.sun_light, &prepared.phase)
+            && prepared.diffuse.as_ref().is_none_or(|(k, _)| *k != key)
+        {
+            let diffuse = Diffuse::new(&cloud.shape, sun_light, key.1, phase.asymmetry);
+            prepared.diffuse = Some((key, diffuse));
+            after("diffusion");
         }
     }
     look
@@ -253,7 +297,16 @@ impl Prepared {
             noise: self.noise.as_ref()?,
             detail: look.detail,
             octaves: look.octaves,
-            droplets: look.droplets,
+            phase: self.phase.as_ref().map(|(_, phase)| phase)?,
+            occlusion: match (look.lighting.sun_occlusion, &self.sun_map) {
+                (SunOcclusion::SecondaryMarch { .. }, _) => Occlusion::Steps(look.secondary_steps()),
+                (SunOcclusion::ShadowMap { .. }, Some((_, map))) => Occlusion::Map(map),
+                _ => Occlusion::Grid,
+            },
+            diffuse: match (look.lighting.scattering, &self.diffuse) {
+                (Scattering::Diffusion, Some((_, diffuse))) => Some(diffuse),
+                _ => None,
+            },
             sun_disc: transmittance.of_sun(height_m, sun[2]),
         })
     }

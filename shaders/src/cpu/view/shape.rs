@@ -129,6 +129,19 @@ impl Shape {
             (word >> 16) as f32 * self.amplitude_unit_per_m,
         )
     }
+    /// Cells of the slab east, north, up.
+    pub(crate) fn slab_cells(&self) -> [usize; 3] {
+        let [nx, ny] = self.cells;
+        [nx, ny, self.slab_per_m.len() / (nx * ny)]
+    }
+    /// Their sizes, m.
+    pub(crate) fn cell_size_m(&self) -> [f32; 3] {
+        self.point_spacing_m.map(|s| s * self.finer as f32)
+    }
+    /// One over the periods in x and y, 1/m.
+    pub(crate) fn per_period(&self) -> [f32; 2] {
+        self.per_period
+    }
     /// The distances to the next cell with cloud.
     pub fn occupancy(&self) -> &Occupancy {
         &self.occupancy

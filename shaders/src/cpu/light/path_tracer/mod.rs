@@ -97,6 +97,31 @@ impl Film {
             square: vec![[0.0; 3]; pixels],
         }
     }
+    /// The sums as bytes, to go on from another time.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let numbers = self.sum.iter().chain(&self.square).flatten();
+        let mut bytes = self.samples.to_le_bytes().to_vec();
+        bytes.extend(numbers.flat_map(|v| v.to_le_bytes()));
+        bytes
+    }
+    /// A film of so many pixels from such bytes; none where they are of another size or hold what no film does.
+    pub fn from_bytes(pixels: usize, bytes: &[u8]) -> Option<Film> {
+        let (samples, numbers) = bytes.split_first_chunk::<4>()?;
+        let numbers: Vec<f64> = numbers
+            .chunks_exact(8)
+            .filter_map(|b| Some(f64::from_le_bytes(b.try_into().ok()?)))
+            .collect();
+        if bytes.len() != 4 + 48 * pixels || numbers.iter().any(|v| !(v.is_finite() && *v >= 0.0)) {
+            return None;
+        }
+        let colours: Vec<[f64; 3]> = numbers.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
+        let (sum, square) = colours.split_at(pixels);
+        Some(Film {
+            samples: u32::from_le_bytes(*samples),
+            sum: sum.to_vec(),
+            square: square.to_vec(),
+        })
+    }
     /// Mean radiance of each pixel.
     pub fn radiance(&self) -> Vec<[f64; 3]> {
         let n = f64::from(self.samples.max(1));

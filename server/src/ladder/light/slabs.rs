@@ -1,0 +1,229 @@
+//! What the march's scattering reflects from plane-parallel slabs, beside discrete ordinates.
+
+use serde::Serialize;
+use welkin_shaders::cpu::light::Atmosphere;
+use welkin_shaders::cpu::light::diffusion::Diffuse;
+use welkin_shaders::cpu::light::march_phase::MarchPhase;
+use welkin_shaders::cpu::light::multiple_scattering_table::MultipleScatteringTable;
+use welkin_shaders::cpu::light::phase_table::PhaseChoice;
+use welkin_shaders::cpu::light::sky_light::SkyLight;
+use welkin_shaders::cpu::light::sky_table::{SkySource, SkyTable};
+use welkin_shaders::cpu::light::sky_visibility::sky_visibility;
+use welkin_shaders::cpu::light::sun_optical_depth::SunLight;
+use welkin_shaders::cpu::light::transmittance_table::TransmittanceTable;
+use welkin_shaders::cpu::view::Scattering;
+use welkin_shaders::cpu::view::detail_noise::DetailNoise;
+use welkin_shaders::cpu::view::haze::Haze;
+use welkin_shaders::cpu::view::march::{Frame, Occlusion, radiance_rows};
+use welkin_shaders::cpu::view::shape::Shape;
+use welkin_shaders::view::Ground;
+use welkin_shaders::{CloudVolume, Grid};
+
+use crate::clouds::volume;
+use crate::validate::slab::{COLUMNS, DEPTHS, REFLECTED};
+
+/// Nodes and weights of Gauss and Legendre's rule of six on 0 to 1.
+const RULE: [[f64; 2]; 6] = [
+    [0.033_765_242_898, 0.085_662_246_190],
+    [0.169_395_306_767, 0.180_380_786_524],
+    [0.380_690_406_958, 0.233_956_967_286],
+    [0.619_309_593_042, 0.233_956_967_286],
+    [0.830_604_693_233, 0.180_380_786_524],
+    [0.966_234_757_102, 0.085_662_246_190],
+];
+/// Directions around, over half the circle.
+const AROUND: usize = 6;
+/// The slab's levels and their size, m.
+const LEVELS: usize = 50;
+const LEVEL_M: f32 = 20.0;
+const BASE_LEVEL: usize = 10;
+
+/// One slab under one sun.
+#[derive(Clone, Debug, Serialize)]
+pub struct SlabRow {
+    /// From bottom to top.
+    pub optical_depth: f64,
+    /// Of Henyey and Greenstein's function.
+    pub asymmetry: f64,
+    /// Cosine of the sun's zenith angle.
+    pub sun_cosine: f64,
+    /// Reflected share of the flux by discrete ordinates of 64 streams.
+    pub discrete_ordinates: f64,
+    /// The march's.
+    pub march: Vec<SlabShares>,
+}
+
+/// What the march makes of a slab with one rung.
+#[derive(Clone, Debug, Serialize)]
+pub struct SlabShares {
+    /// The rung.
+    pub rung: String,
+    /// Share of the flux that is reflected.
+    pub reflected: f64,
+    /// Share that leaves in all, upwards, downwards and straight through: above 1 where light is made, below 1 where it is lost.
+    pub in_all: f64,
+}
+
+fn slab(optical_depth: f64) -> CloudVolume {
+    let grid = Grid {
+        cells: [4, 4, BASE_LEVEL + LEVELS + 4],
+        cell_size_m: [200.0, 200.0, LEVEL_M],
+    };
+    let extinction = optical_depth as f32 / (LEVELS as f32 * LEVEL_M);
+    let cells = (0..grid.len()).map(|n| {
+        let level = n / grid.plane();
+        if (BASE_LEVEL..BASE_LEVEL + LEVELS).contains(&level) {
+            extinction
+        } else {
+            0.0
+        }
+    });
+    volume(grid, cells.collect())
+}
+
+/// A night without air: nothing but the given sun is left.
+struct Night {
+    sky: SkyTable,
+    noise: DetailNoise,
+    light: SkyLight,
+}
+
+impl Night {
+    fn new() -> Night {
+        let air = Atmosphere::new(0.0, None);
+        let transmittance = TransmittanceTable::new(&air);
+        let multiple = MultipleScatteringTable::new(&air, &transmittance);
+        Night {
+            sky: SkyTable::new(
+                &air,
+                &transmittance,
+                &multiple,
+                &SkySource::sun([0.0, 0.0, -1.0], false),
+                None,
+                10.0,
+            ),
+            noise: DetailNoise::new(),
+            light: SkyLight {
+                sun_at_base: [1.0; 3],
+                sun_at_top: [1.0; 3],
+                sun_at_ground: [0.0; 3],
+                sky_radiance: [0.0; 3],
+                sky_irradiance: [0.0; 3],
+                ground_radiance: [0.0; 3],
+            },
+        }
+    }
+    /// Sixteen pixels of almost one direction, from outside the slab into it: down, or up from below, at a slope of `cosine` to the vertical.
+    fn frame<'a>(
+        &'a self,
+        cloud: (&'a Shape, &'a SunLight),
+        (phase, octaves, diffuse): (&'a MarchPhase, u32, Option<&'a Diffuse>),
+        sun: [f32; 3],
+        [cosine, azimuth]: [f64; 2],
+        from_above: bool,
+    ) -> Frame<'a> {
+        let (sine, (east, north)) = ((1.0 - cosine * cosine).sqrt(), azimuth.sin_cos());
+        let down = if from_above { 1.0 } else { -1.0 };
+        let axes = [
+            [north, -east, 0.0],
+            [down * cosine * east, down * cosine * north, sine],
+            [sine * east, sine * north, -down * cosine],
+        ];
+        let height_m = if from_above {
+            cloud.0.top_m + 300.0
+        } else {
+            cloud.0.bottom_m - 10.0
+        };
+        Frame {
+            width: 4,
+            height: 4,
+            position_m: [100.0, 100.0, height_m],
+            axes: axes.map(|axis| axis.map(|v| v as f32)),
+            half_height: 0.01,
+            sun_direction: sun,
+            beam_direction: sun,
+            exposure: 1.0,
+            sky: &self.sky,
+            moon_sky: None,
+            moon: None,
+            stars: None,
+            light: &self.light,
+            haze: Haze {
+                rayleigh_per_m: [0.0; 3],
+                aerosol_per_m: 0.0,
+            },
+            haze_on_cloud: false,
+            cloud: Some(cloud),
+            ground: Ground::Land,
+            shadow: false,
+            noise: &self.noise,
+            detail: None,
+            octaves: octaves as usize,
+            phase,
+            occlusion: Occlusion::Grid,
+            diffuse,
+            sun_disc: [0.0; 3],
+        }
+    }
+}
+
+fn sun_of(cosine: f64) -> [f32; 3] {
+    [0.0, (1.0 - cosine * cosine).sqrt() as f32, cosine as f32]
+}
+
+/// All slabs with the march of these ways through cloud.
+pub(super) fn all(ways: &[(Scattering, u32)]) -> Vec<SlabRow> {
+    let night = Night::new();
+    let mut rows = Vec::new();
+    for (depth, published) in DEPTHS.iter().zip(REFLECTED) {
+        let volume = slab(*depth);
+        let Some(shape) = Shape::new(&volume) else { continue };
+        let [nx, ny, _] = volume.grid.cells;
+        let seen = sky_visibility(&shape.slab_per_m, [nx, ny], volume.grid.cell_size_m);
+        for ([asymmetry, sun_cosine], published) in COLUMNS.iter().zip(published) {
+            let sun = sun_of(*sun_cosine);
+            let sun_light = SunLight::new(&shape, &seen, false, sun);
+            let straight = (-depth / sun_cosine).exp();
+            let shares = ways.iter().map(|way| {
+                let phase = MarchPhase::new(one_lobe(*asymmetry), way.0);
+                let diffuse =
+                    (way.0 == Scattering::Diffusion).then(|| Diffuse::new(&shape, &sun_light, false, phase.asymmetry));
+                let leaves = |from_above: bool| {
+                    let mut flux = 0.0;
+                    for [cosine, weight] in RULE {
+                        for n in 0..AROUND {
+                            let azimuth = std::f64::consts::PI * (n as f64 + 0.5) / AROUND as f64;
+                            let light = (&phase, way.1, diffuse.as_ref());
+                            let frame = night.frame((&shape, &sun_light), light, sun, [cosine, azimuth], from_above);
+                            let mut pixels = [[0.0f32; 3]; 16];
+                            radiance_rows(&frame, 0, &mut pixels);
+                            let mean = pixels.iter().map(|p| f64::from(p[1])).sum::<f64>() / 16.0;
+                            flux += mean * cosine * weight * 2.0 * std::f64::consts::PI / AROUND as f64;
+                        }
+                    }
+                    flux / sun_cosine
+                };
+                let reflected = leaves(true);
+                SlabShares {
+                    rung: super::scattering_name(*way),
+                    reflected,
+                    in_all: reflected + leaves(false) + straight,
+                }
+            });
+            rows.push(SlabRow {
+                optical_depth: *depth,
+                asymmetry: *asymmetry,
+                sun_cosine: *sun_cosine,
+                discrete_ordinates: published,
+                march: shares.collect(),
+            });
+        }
+    }
+    rows
+}
+
+fn one_lobe(asymmetry: f64) -> PhaseChoice {
+    PhaseChoice::HenyeyGreenstein {
+        asymmetry: asymmetry as f32,
+    }
+}
