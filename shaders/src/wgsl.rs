@@ -178,16 +178,24 @@ pub fn module(name: &str) -> Option<&'static Module> {
     crate::gpu::MODULES.iter().find(|m| m.name == name)
 }
 
+/// Modules that have another form where the adapter has subgroups: the same functions, the same results.
+pub const BY_SUBGROUPS: &[(&str, &str)] = &[("shared/largest", "shared/largest_by_subgroups")];
+
 /// A module and those that it uses, in the order in which they stand in its text; none if a name is unknown.
 pub fn with_used(name: &str) -> Vec<&'static Module> {
     let mut order = Vec::new();
-    collect(name, &mut order).map_or(Vec::new(), |()| order)
+    collect(name, false, &mut order).map_or(Vec::new(), |()| order)
 }
 
 /// The whole text of a module: what it uses, the generated constants and structs, and the file itself. None if a name is unknown.
 pub fn source(name: &str) -> Option<String> {
+    source_for(name, false)
+}
+
+/// The same for an adapter with or without `subgroups`.
+pub fn source_for(name: &str, subgroups: bool) -> Option<String> {
     let mut order = Vec::new();
-    collect(name, &mut order)?;
+    collect(name, subgroups, &mut order)?;
     let mut text = String::new();
     let mut constants: Vec<&str> = Vec::new();
     let mut structs: Vec<&str> = Vec::new();
@@ -211,13 +219,14 @@ pub fn source(name: &str) -> Option<String> {
     Some(text)
 }
 
-fn collect(name: &str, order: &mut Vec<&'static Module>) -> Option<()> {
-    let module = module(name)?;
+fn collect(name: &str, subgroups: bool, order: &mut Vec<&'static Module>) -> Option<()> {
+    let other = BY_SUBGROUPS.iter().find(|(plain, _)| subgroups && *plain == name);
+    let module = module(other.map_or(name, |(_, other)| other))?;
     if order.iter().any(|m| m.name == module.name) {
         return Some(());
     }
     for used in module.uses() {
-        collect(used, order)?;
+        collect(used, subgroups, order)?;
     }
     order.push(module);
     Some(())

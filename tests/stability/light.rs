@@ -229,6 +229,44 @@ fn volumes_of_nothing_are_no_cloud() {
     assert!(render(Some(&flat), &view, &mut Prepared::new()) == none);
 }
 
+/// Rays along the axes, exactly: their inverse directions are infinite.
+#[test]
+fn rays_along_axes() {
+    let mut prepared = Prepared::new();
+    let cloud = cells_of(2.0, 100.0);
+    for lighting in lightings() {
+        for (azimuth_deg, elevation_deg) in [
+            (0.0, 0.0),
+            (90.0, 0.0),
+            (180.0, 0.0),
+            (270.0, 0.0),
+            (0.0, 90.0),
+            (0.0, -90.0),
+        ] {
+            let view = ViewSettings {
+                camera_position_m: [310.0, 220.0, 350.0],
+                azimuth_deg,
+                elevation_deg,
+                vertical_fov_deg: 0.1,
+                width: 1,
+                height: 1,
+                lighting,
+                ..small()
+            };
+            let what = format!("{azimuth_deg} {elevation_deg} {lighting:?}");
+            // Paths don't look at how the march is lit.
+            if lighting == Lighting::default() {
+                judge(&mut prepared, &what, &cloud, &view, 1.0);
+            }
+            let marched = radiance(Some(&cloud), &view, &mut prepared);
+            assert!(
+                marched.iter().flatten().all(|v| (0.0..2.0).contains(v)),
+                "{what}: {marched:?}"
+            );
+        }
+    }
+}
+
 /// An 8k picture's width, cut to one row of packets.
 #[test]
 fn pictures_as_wide_as_8k() {

@@ -18,6 +18,16 @@ pub fn adapter(test: &str) -> Option<Arc<Context>> {
     }
 }
 
+/// The same adapter with all that it offers, and once more as one without subgroups.
+pub fn with_and_without_subgroups(test: &str) -> Vec<Arc<Context>> {
+    let Some(whole) = adapter(test) else { return Vec::new() };
+    // Lavapipe has them: where CI's adapter is required, so are they.
+    assert!(whole.subgroups || !whole.report.software, "{test}: no subgroups");
+    let plain = Context::open_with(&AdapterChoice::Any, wgpu::Features::empty()).expect("the same adapter");
+    assert!(!plain.subgroups);
+    vec![whole, plain]
+}
+
 /// Numbers in [-1, 1) that look random, by seed and place; never 0.
 pub fn noise(seed: u32, i: usize) -> f32 {
     let mut h = (i as u32).wrapping_mul(0x9e37_79b9) ^ seed.wrapping_mul(0x85eb_ca6b) ^ 0x5bd1_e995;

@@ -4,7 +4,7 @@ mod common;
 
 use std::sync::Arc;
 
-use common::{adapter, noise};
+use common::{adapter, noise, with_and_without_subgroups};
 use welkin_proto::scene::{Advection, BodyForce, ConstantViscosity, DiffusionScheme, Pressure};
 use welkin_proto::{Scene, presets};
 use welkin_server::world::World;
@@ -353,10 +353,13 @@ fn every_pass_of_a_shared_rung_has_a_shader() {
 
 #[test]
 fn reductions_agree() {
-    let Some(context) = adapter("reductions_agree") else {
-        return;
-    };
-    let (mut cpu, mut gpu, parameters, fields, _) = both(&context, &scene([37, 11, 19]));
+    for context in with_and_without_subgroups("reductions_agree") {
+        compare_reductions(&context);
+    }
+}
+
+fn compare_reductions(context: &Arc<Context>) {
+    let (mut cpu, mut gpu, parameters, fields, _) = both(context, &scene([37, 11, 19]));
     let close = |a: f64, b: f64, what: &str| {
         // Sums of a level are made in f32 on the GPU, in a tree of 256.
         assert!((a - b).abs() <= 1e-5 * a.abs().max(b.abs()), "{what}: {a} and {b}");
@@ -397,9 +400,12 @@ fn reductions_agree() {
 
 #[test]
 fn what_is_not_finite_is_noticed_on_both_devices() {
-    let Some(context) = adapter("what_is_not_finite_is_noticed_on_both_devices") else {
-        return;
-    };
+    for context in with_and_without_subgroups("what_is_not_finite_is_noticed_on_both_devices") {
+        notice_what_is_not_finite(&context);
+    }
+}
+
+fn notice_what_is_not_finite(context: &Arc<Context>) {
     for (poisoned, in_reductions) in [
         (Field::VelocityY, true),
         (Field::EddyViscosity, true),
@@ -408,7 +414,7 @@ fn what_is_not_finite_is_noticed_on_both_devices() {
         (Field::Extinction, false),
     ] {
         for poison in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-            let (mut cpu, mut gpu, parameters, fields, _) = both(&context, &scene([5, 4, 6]));
+            let (mut cpu, mut gpu, parameters, fields, _) = both(context, &scene([5, 4, 6]));
             for &field in &fields {
                 let mut values = random(field, &parameters, 5);
                 if field == poisoned {

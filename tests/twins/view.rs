@@ -332,7 +332,7 @@ fn sun_optical_depth(bench: &mut Bench) -> Vec<Pair> {
             let cpu = SunLight::new(&cpu_shape, &seen, carved, sun);
             let inputs = [
                 bench.input(&cpu_shape.words),
-                bench.input(cpu_shape.occupancy().distances()),
+                bench.input(&cpu_shape.occupancy().distances()[..]),
                 bench.input(&seen[0]),
                 bench.input(&seen[1]),
             ];

@@ -17,7 +17,8 @@ fn stages() -> impl Iterator<Item = &'static wgsl::Module> {
 
 #[test]
 fn every_module_is_part_of_a_stage() {
-    let sources: Vec<String> = stages().filter_map(|m| wgsl::source(m.name)).collect();
+    let forms = stages().flat_map(|m| [false, true].map(|subgroups| wgsl::source_for(m.name, subgroups)));
+    let sources: Vec<String> = forms.flatten().collect();
     for module in MODULES {
         assert!(
             sources.iter().any(|s| s.contains(module.text)),
@@ -35,6 +36,32 @@ fn every_module_is_valid() {
         Validator::new(ValidationFlags::all(), Capabilities::empty())
             .validate(&parsed)
             .unwrap_or_else(|e| panic!("{}: {e:?}", module.name));
+    }
+}
+
+#[test]
+fn forms_for_subgroups_are_valid_and_ask_for_nothing_else() {
+    for module in stages() {
+        let source = wgsl::source_for(module.name, true).expect("a source");
+        if source == wgsl::source(module.name).expect("a source") {
+            continue;
+        }
+        let parsed = naga::front::wgsl::parse_str(&source)
+            .unwrap_or_else(|e| panic!("{}:\n{}", module.name, e.emit_to_string(&source)));
+        let mut validator = Validator::new(ValidationFlags::all(), Capabilities::SUBGROUP);
+        validator
+            .subgroup_stages(naga::valid::ShaderStages::COMPUTE)
+            .subgroup_operations(naga::valid::SubgroupOperationSet::all())
+            .validate(&parsed)
+            .unwrap_or_else(|e| panic!("{}: {e:?}", module.name));
+    }
+    for (plain, other) in wgsl::BY_SUBGROUPS {
+        let functions = |name: &str| -> Vec<String> {
+            let module = wgsl::module(name).expect("a module");
+            let lines = module.text.lines().filter(|line| line.starts_with("fn "));
+            lines.map(str::to_owned).collect()
+        };
+        assert_eq!(functions(plain), functions(other), "{other} stands in for {plain}");
     }
 }
 

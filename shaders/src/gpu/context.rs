@@ -43,6 +43,8 @@ pub struct Context {
     pub report: AdapterReport,
     /// Whether passes can be timed.
     pub timestamps: bool,
+    /// Whether reductions go by subgroups.
+    pub subgroups: bool,
     trouble: Arc<Mutex<Option<GpuError>>>,
     kernels: Mutex<HashMap<(&'static str, &'static str), Arc<Kernel>>>,
 }
@@ -100,6 +102,13 @@ impl Context {
     ///
     /// Errors: `NoAdapter`, `Insufficient`.
     pub fn open(choice: &AdapterChoice) -> Result<Arc<Context>, GpuError> {
+        Self::open_with(choice, wgpu::Features::all())
+    }
+
+    /// The same, of optional features only those in `wanted`: how an adapter is stood in for that has fewer.
+    ///
+    /// Errors: `NoAdapter`, `Insufficient`.
+    pub fn open_with(choice: &AdapterChoice, wanted: wgpu::Features) -> Result<Arc<Context>, GpuError> {
         let found = adapters();
         let names = found.iter().map(|(_, r)| format!("\"{}\"", r.name)).collect();
         let fits = |report: &AdapterReport| match choice {
@@ -122,10 +131,15 @@ impl Context {
             ..Default::default()
         };
         let timing = wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS;
-        let timestamps = adapter.features().contains(timing);
+        let offered = adapter.features() & wanted;
+        let timestamps = offered.contains(timing);
+        let subgroups = offered.contains(wgpu::Features::SUBGROUP);
+        let mut features = wgpu::Features::empty();
+        features.set(timing, timestamps);
+        features.set(wgpu::Features::SUBGROUP, subgroups);
         let (device, queue) = wait(adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("welkin"),
-            required_features: if timestamps { timing } else { wgpu::Features::empty() },
+            required_features: features,
             required_limits: limits,
             ..Default::default()
         }))
@@ -151,6 +165,7 @@ impl Context {
             queue,
             report,
             timestamps,
+            subgroups,
             trouble,
             kernels: Mutex::default(),
         }))

@@ -30,7 +30,8 @@ impl Kernel {
             module: format!("{name}:{entry}"),
             message,
         };
-        let source = wgsl::source(name).ok_or_else(|| refused("there is no such module".to_owned()))?;
+        let source =
+            wgsl::source_for(name, context.subgroups).ok_or_else(|| refused("there is no such module".to_owned()))?;
         let entries: Vec<_> = binds
             .iter()
             .enumerate()

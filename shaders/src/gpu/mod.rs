@@ -45,6 +45,8 @@ macro_rules! modules {
 modules! {
     "shared/constants" constants [crate::constants::WGSL] structs [];
     "bench/copy" constants [] structs [];
+    "shared/largest" constants [] structs [];
+    "shared/largest_by_subgroups" constants [] structs [];
     "shared/grid" constants [profiles::WGSL, profiles::holds::WGSL] structs [profiles::Sim::LAYOUT, profiles::Step::LAYOUT];
     "shared/advect" constants [advect::WGSL] structs [];
     "sim/saturation_adjustment" constants [saturation_adjustment::WGSL] structs [];

@@ -1,4 +1,5 @@
 //! use shared/grid
+//! use shared/largest
 // Stage `reduce`; see the CPU twin for what it computes. Bytes a cell: 16.
 // Maxima are taken over bit patterns: numbers that are not negative have the order of their bits, and integers have an atomic maximum. What isn't
 // finite is counted by its bits, because a comparison may take NaN for anything.
@@ -22,6 +23,11 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocation_
         atomicStore(&shared_block[thread], 0u);
     }
     workgroupBarrier();
+    var rate = 0u;
+    var wind = 0u;
+    var updraught = 0u;
+    var thickest = 0u;
+    var not_finite = 0u;
     if id.x < sim.cells.w {
         let i = id.z * sim.cells.w + id.x;
         let a = u[i];
@@ -33,14 +39,19 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocation_
         }
         if is_finite(a) && is_finite(b) && is_finite(c) && is_finite(k) {
             let r = sim.per_cell_size_m;
-            atomicMax(&shared_block[REDUCED_RATE], bitcast<u32>(abs(a) * r.x + abs(b) * r.y + abs(c) * r.z));
-            atomicMax(&shared_block[REDUCED_WIND], bitcast<u32>(max(abs(a), abs(b))));
-            atomicMax(&shared_block[REDUCED_UPDRAUGHT], bitcast<u32>(max(c, 0.0)));
-            atomicMax(&shared_block[REDUCED_VISCOSITY], bitcast<u32>(abs(k)));
+            rate = bitcast<u32>(abs(a) * r.x + abs(b) * r.y + abs(c) * r.z);
+            wind = bitcast<u32>(max(abs(a), abs(b)));
+            updraught = bitcast<u32>(max(c, 0.0));
+            thickest = bitcast<u32>(abs(k));
         } else {
-            atomicAdd(&shared_block[REDUCED_NOT_FINITE], 1u);
+            not_finite = 1u;
         }
     }
+    hand_on_largest(thread, REDUCED_RATE, rate);
+    hand_on_largest(thread, REDUCED_WIND, wind);
+    hand_on_largest(thread, REDUCED_UPDRAUGHT, updraught);
+    hand_on_largest(thread, REDUCED_VISCOSITY, thickest);
+    hand_on_count(thread, REDUCED_NOT_FINITE, not_finite);
     workgroupBarrier();
     if thread < REDUCED_NOT_FINITE {
         atomicMax(&block[thread], atomicLoad(&shared_block[thread]));

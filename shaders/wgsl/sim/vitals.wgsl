@@ -1,4 +1,5 @@
 //! use shared/grid
+//! use shared/largest
 // Stage `vitals`; see the CPU twin for what it computes. Bytes a cell: 24.
 // What isn't finite is counted by its bits, because a comparison may take NaN for anything; maxima are taken over bits, as in `reduce`.
 
@@ -22,6 +23,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocation_
         atomicStore(&shared_block[thread], 0u);
     }
     workgroupBarrier();
+    var falling = 0u;
+    var divergence_bits = 0u;
+    var fine = true;
     if id.x < sim.cells.w {
         let nx = sim.cells.x;
         let z = id.z;
@@ -29,7 +33,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocation_
         let y = id.x / nx;
         let here = row_of(y, z);
         let i = here + x;
-        var fine = true;
         if (sim.holds & HOLDS_HEAT) != 0u {
             fine = fine && is_finite(heat[i]);
         }
@@ -38,8 +41,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocation_
             fine = fine && is_finite(q) && is_finite(extinction[i]);
             // The bits of a number turned so that the least number has the largest ones.
             let bits = bitcast<u32>(q);
-            let falling = select(~bits & 0x7fffffffu, bits, (bits & 0x80000000u) != 0u);
-            atomicMax(&shared_block[VITAL_WATER], falling);
+            falling = select(~bits & 0x7fffffffu, bits, (bits & 0x80000000u) != 0u);
         }
         if (sim.holds & HOLDS_FLOW) != 0u {
             let a = u[i];
@@ -55,15 +57,15 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocation_
                 + (v[row_of(ahead(y, 1u, sim.cells.y), z) + x] - b) * r.y
                 + up * r.z / profile(PROFILE_DENSITY, z);
             if is_finite(divergence) {
-                atomicMax(&shared_block[VITAL_DIVERGENCE], bitcast<u32>(abs(divergence)));
+                divergence_bits = bitcast<u32>(abs(divergence));
             } else {
                 fine = false;
             }
         }
-        if !fine {
-            atomicAdd(&shared_block[VITAL_NOT_FINITE], 1u);
-        }
     }
+    hand_on_largest(thread, VITAL_WATER, falling);
+    hand_on_largest(thread, VITAL_DIVERGENCE, divergence_bits);
+    hand_on_count(thread, VITAL_NOT_FINITE, select(1u, 0u, fine));
     workgroupBarrier();
     if thread < VITAL_NOT_FINITE {
         atomicMax(&block[thread], atomicLoad(&shared_block[thread]));

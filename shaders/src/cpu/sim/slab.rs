@@ -48,6 +48,10 @@ pub struct Piece([f32; PIECE + 2]);
 
 impl Piece {
     /// Of zeros.
+    #[allow(
+        clippy::new_without_default,
+        reason = "zeros are a buffer's state before its first load, no default of anybody's"
+    )]
     #[inline(always)]
     pub fn new() -> Self {
         Self([0.0; PIECE + 2])

@@ -182,33 +182,42 @@ impl Lanes {
 }
 
 impl Indices {
-    /// `table[index]` of each lane; an index beyond the end takes the last entry.
+    /// `table[index]` of each lane; an index beyond the end takes the last entry. The table is not empty and has at most 2^31 entries, so that
+    /// indices of 32 bits serve, which one instruction gathers by.
     #[inline(always)]
     pub fn gather(self, table: &[u32]) -> Indices {
         let mut r = self;
-        let last = table.len() - 1;
+        let last = (table.len() - 1).min(i32::MAX as usize) as u32;
+        let table = &table[..=last as usize];
         for l in 0..LANES {
-            r.0[l] = table[(self.0[l] as usize).min(last)];
+            let at = if self.0[l] < last { self.0[l] } else { last };
+            r.0[l] = table[at as usize];
         }
         r
     }
-    /// `table[index]` of each lane as a float; an index beyond the end takes the last entry.
-    #[inline(always)]
-    pub fn gather_u8(self, table: &[u8]) -> Lanes {
-        let last = table.len() - 1;
-        let mut r = Lanes::splat(0.0);
-        for l in 0..LANES {
-            r.0[l] = table[(self.0[l] as usize).min(last)] as f32;
-        }
-        r
-    }
-    /// `table[index]` of each lane; an index beyond the end takes the last entry.
+    /// `table[index]` of each lane; as [`Indices::gather`].
     #[inline(always)]
     pub fn gather_f32(self, table: &[f32]) -> Lanes {
-        let last = table.len() - 1;
+        let mut r = Lanes::splat(0.0);
+        let last = (table.len() - 1).min(i32::MAX as usize) as u32;
+        let table = &table[..=last as usize];
+        for l in 0..LANES {
+            let at = if self.0[l] < last { self.0[l] } else { last };
+            r.0[l] = table[at as usize];
+        }
+        r
+    }
+    /// Byte `index` of each lane as a float, of a table that holds four a word, the first in the low bits.
+    #[inline(always)]
+    pub fn gather_bytes(self, words: &[u32]) -> Lanes {
+        let mut word = self;
+        for l in 0..LANES {
+            word.0[l] = self.0[l] >> 2;
+        }
+        let word = word.gather(words);
         let mut r = Lanes::splat(0.0);
         for l in 0..LANES {
-            r.0[l] = table[(self.0[l] as usize).min(last)];
+            r.0[l] = ((word.0[l] >> ((self.0[l] & 3) * 8)) & 0xff) as i32 as f32;
         }
         r
     }

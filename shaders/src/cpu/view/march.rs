@@ -88,6 +88,8 @@ crate::constants! {
     const PATTERN_Y: f32 = 0.005_837_15;
     const PATTERN_SCALE: f32 = 52.982_918;
 }
+/// The most that the noise can push the edge, a unit of [`FrameDetail::push`]: every billow half its range above the mean.
+const PUSH_MOST: f32 = 0.5 * (1.0 + DETAIL_SMALL + DETAIL_FINE + DETAIL_FINEST);
 /// The two finer steps: distance and length, m.
 const FINE_STEPS_M: [[f32; 2]; 2] = [
     [FINE_FIRST_M, FINE_FIRST_LENGTH_M],
@@ -421,7 +423,8 @@ fn march(
                 let mut depth = zero;
                 let mut at = p;
                 let by_grid = matches!(frame.occlusion, Occlusion::Grid);
-                if by_grid && close < FINE_REACH_M && (through * here).any_above(FINE_DIMMED) {
+                let lit = Lanes::select_less(zero, extinction, through, zero);
+                if by_grid && close < FINE_REACH_M && lit.any_above(FINE_DIMMED) {
                     // Faded by what the ray itself has met, so that it does not matter which rays share its packet.
                     let undimmed = ((through - FINE_DIMMED) * (1.0 / FINE_DIMMED)).clamp(0.0, 1.0);
                     let fade =
@@ -569,6 +572,11 @@ pub(crate) fn detailed_extinction(
     let (cover, amplitude) = shape.sample(p[0], p[1], p[2]);
     let plain = amplitude * cover;
     let Some(detail) = detail else { return plain };
+    // Where no noise could push the edge so far out there is nothing to look up: carved cloud is 0 there.
+    // The factor keeps rounding from telling this from the whole way, which other rays of the packet may ask for.
+    if !cover.any_above(0.999 * CARVE_EDGE / (1.0 + PUSH_MOST * DETAIL_HELD * detail.push)) {
+        return plain.lerp(Lanes::splat(0.0), Lanes::splat(detail.blend));
+    }
     let mut q = *p;
     for a in 0..3 {
         q[a] = (p[a] + detail.offset_m[a]) * detail.tiles_per_m;

@@ -18,7 +18,8 @@ crate::constants! {
 #[derive(Clone, Debug)]
 pub struct Occupancy {
     cells: [usize; 3],
-    distance: Vec<u8>,
+    /// Free distances, four a word.
+    words: Vec<u32>,
 }
 
 impl Occupancy {
@@ -77,11 +78,16 @@ impl Occupancy {
                 };
             }
         });
-        Occupancy { cells, distance }
+        let words = distance
+            .chunks(4)
+            .map(|four| four.iter().rev().fold(0, |word, &byte| word << 8 | u32::from(byte)))
+            .collect();
+        Occupancy { cells, words }
     }
     /// Free distances in units of 8 m, a byte a cell.
-    pub fn distances(&self) -> &[u8] {
-        &self.distance
+    pub fn distances(&self) -> Vec<u8> {
+        let bytes = self.words.iter().flat_map(|word| word.to_le_bytes());
+        bytes.take(self.cells.iter().product()).collect()
     }
     /// Free distance in m at 16 places given as shares of the box, 0 to 1; heights are bounded to the slab.
     #[inline(always)]
@@ -91,7 +97,7 @@ impl Occupancy {
         for l in 0..index.0.len() {
             index.0[l] = (k.0[l] * self.cells[1] as u32 + j.0[l]) * self.cells[0] as u32 + i.0[l];
         }
-        index.gather_u8(&self.distance) * OCCUPANCY_UNIT_M
+        index.gather_bytes(&self.words) * OCCUPANCY_UNIT_M
     }
 }
 
@@ -132,7 +138,7 @@ mod tests {
                     least = least.min(sum.sqrt());
                 }
             }
-            let got = occupancy.distance[n] as f32 * OCCUPANCY_UNIT_M;
+            let got = occupancy.distances()[n] as f32 * OCCUPANCY_UNIT_M;
             if field[n] > 0.0 {
                 assert_eq!(got, 0.0);
             } else {

@@ -346,11 +346,13 @@ impl Medium for Volume<'_> {
     }
 }
 
-/// Distance until a coordinate leaves its range.
+/// Distance until a coordinate leaves its range. What is slower than a nanometre a metre does not: along an axis on a border rounding would else say
+/// at each step that the next brick begins here.
 fn until(at: f64, speed: f64, low: f64, high: f64) -> f64 {
-    let distance = if speed > 0.0 {
+    const STANDS: f64 = 1e-9;
+    let distance = if speed > STANDS {
         (high - at) / speed
-    } else if speed < 0.0 {
+    } else if speed < -STANDS {
         (low - at) / speed
     } else {
         f64::INFINITY
