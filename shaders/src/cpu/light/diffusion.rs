@@ -216,7 +216,7 @@ impl System {
                 .enumerate()
                 .for_each(|(k, level)| self.apply(&way, k, level));
             let along = dot(&way, &pushed, plane);
-            if !(along > 0.0) {
+            if along.is_nan() || along <= 0.0 {
                 break;
             }
             let share = (size / along) as f32;
