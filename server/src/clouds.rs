@@ -1,5 +1,6 @@
-//! Clouds and suns made by arithmetic alone, so that every machine has the same: for measurements and for tests of pictures.
+//! Clouds, suns and a camera made by arithmetic alone, so that every machine has the same: for measurements and for tests of pictures.
 
+use welkin_shaders::cpu::view::{Detail, Ground, Lighting, ViewSettings};
 use welkin_shaders::{CloudVolume, Grid};
 
 /// A small repeatable random number from 0 to 1.
@@ -116,4 +117,32 @@ pub fn ball(centre_height_m: f32, radius_m: f32, extinction_per_m: f32) -> Cloud
 pub fn sun(elevation_deg: f32, azimuth_deg: f32) -> [f32; 3] {
     let (e, a) = (elevation_deg.to_radians(), azimuth_deg.to_radians());
     [e.cos() * a.sin(), e.cos() * a.cos(), e.sin()]
+}
+
+/// A camera near the ground that looks north and a little up, by day.
+pub fn settings(width: usize, height: usize) -> ViewSettings {
+    ViewSettings {
+        camera_position_m: [3200.0, 300.0, 2.0],
+        azimuth_deg: 0.0,
+        elevation_deg: 18.0,
+        vertical_fov_deg: 55.0,
+        exposure_ev: 0.0,
+        width,
+        height,
+        sun_direction: sun(45.0, 130.0),
+        detail: Some(Detail {
+            strength: 0.6,
+            scale_m: 220.0,
+        }),
+        multiple_scattering_octaves: 6,
+        lighting: Lighting::default(),
+        ground: Ground::Land,
+        cloud_shadow: true,
+        visibility_m: Some(40_000.0),
+        seed: 1,
+        surface_altitude_m: 0.0,
+        moon: None,
+        stars: None,
+        sky: Default::default(),
+    }
 }

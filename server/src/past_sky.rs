@@ -109,27 +109,20 @@ impl PastSky {
             let message = "the world keeps no past sky: it has no clouds, nobody has looked at it, or the server is told to keep none";
             return Err(ApiError::new("past_unavailable", message));
         };
-        let refuse = |code, pointer: &str, wanted: String| {
-            let message = format!(
-                "{wanted} is not kept; kept are ticks {} to {}, simulated seconds {} to {}",
-                oldest.tick, newest.tick, oldest.simulated_s, newest.simulated_s
-            );
-            Err(ApiError::new(code, message).at(pointer))
-        };
+        let kept_from_to = [oldest, newest].map(|kept| (kept.tick, kept.simulated_s));
+        let refuse = |code| Err(when.refused(code, kept_from_to));
         match when {
             When::Now => Ok(Arc::clone(newest)),
             When::Tick(tick) => match kept.iter().rev().find(|k| k.tick == tick) {
                 Some(found) => Ok(Arc::clone(found)),
-                None if tick > newest.tick => refuse("not_yet", "/tick", format!("tick {tick}")),
-                None if tick < oldest.tick => refuse("too_old", "/tick", format!("tick {tick}")),
-                None => refuse("tick_not_kept", "/tick", format!("tick {tick}")),
+                None if tick > newest.tick => refuse("not_yet"),
+                None if tick < oldest.tick => refuse("too_old"),
+                None => refuse("tick_not_kept"),
             },
-            When::Simulated(second) if second > now_s.max(newest.simulated_s) => {
-                refuse("not_yet", "/simulated_s", format!("simulated second {second}"))
-            }
+            When::Simulated(second) if second > now_s.max(newest.simulated_s) => refuse("not_yet"),
             When::Simulated(second) => match kept.iter().rev().find(|k| k.simulated_s <= second) {
                 Some(found) => Ok(Arc::clone(found)),
-                None => refuse("too_old", "/simulated_s", format!("simulated second {second}")),
+                None => refuse("too_old"),
             },
         }
     }

@@ -36,6 +36,22 @@ pub enum When {
     Simulated(f64),
 }
 
+impl When {
+    /// Why this moment is not to be had, where tick and simulated second of the oldest and the newest that are kept are these.
+    pub(crate) fn refused(self, code: &str, [oldest, newest]: [(u64, f64); 2]) -> ApiError {
+        let (wanted, pointer) = match self {
+            When::Now => ("now".to_owned(), ""),
+            When::Tick(tick) => (format!("tick {tick}"), "/tick"),
+            When::Simulated(second) => (format!("simulated second {second}"), "/simulated_s"),
+        };
+        let message = format!(
+            "{wanted} is not kept; kept are ticks {} to {}, simulated seconds {} to {}",
+            oldest.0, newest.0, oldest.1, newest.1
+        );
+        ApiError::new(code, message).at(pointer)
+    }
+}
+
 /// One weather, or two and how far from the first to the second.
 #[derive(Clone, Debug)]
 pub struct Moments {
@@ -52,20 +68,15 @@ impl Moments {
         let (Some(oldest), Some(newest)) = (past.first(), past.last()) else {
             return Err(ApiError::new("weather_unavailable", "the world keeps no weather"));
         };
-        let refuse = |code, pointer: &str, wanted: String| {
-            let message = format!(
-                "{wanted} is not kept; kept are ticks {} to {}, simulated seconds {} to {}",
-                oldest.tick, newest.tick, oldest.simulated_s, newest.simulated_s
-            );
-            Err(ApiError::new(code, message).at(pointer))
-        };
+        let kept_from_to = [oldest, newest].map(|kept| (kept.tick, kept.simulated_s));
+        let refuse = |code| Err(when.refused(code, kept_from_to));
         match when {
             When::Now => Ok(Self::at(newest)),
             When::Tick(tick) => match past.iter().rev().find(|w| w.tick == tick) {
                 Some(weather) => Ok(Self::at(weather)),
-                None if tick > newest.tick => refuse("not_yet", "/tick", format!("tick {tick}")),
-                None if tick < oldest.tick => refuse("too_old", "/tick", format!("tick {tick}")),
-                None => refuse("tick_not_kept", "/tick", format!("tick {tick}")),
+                None if tick > newest.tick => refuse("not_yet"),
+                None if tick < oldest.tick => refuse("too_old"),
+                None => refuse("tick_not_kept"),
             },
             When::Simulated(second) => {
                 let after = past.partition_point(|w| w.simulated_s < second);
@@ -78,8 +89,8 @@ impl Moments {
                             (second - a.simulated_s) / (b.simulated_s - a.simulated_s),
                         )),
                     }),
-                    (Some(_), None) => refuse("not_yet", "/simulated_s", format!("simulated second {second}")),
-                    (None, _) => refuse("too_old", "/simulated_s", format!("simulated second {second}")),
+                    (Some(_), None) => refuse("not_yet"),
+                    (None, _) => refuse("too_old"),
                 }
             }
         }

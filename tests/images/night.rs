@@ -1,8 +1,6 @@
 //! The night: moon, stars, dusk; what pictures must show, and radiances against published ones.
 
-mod common;
-
-use common::{ball, cumulus_field, settings, sun, volume};
+use welkin_server::clouds::{ball, cumulus_field, settings, sun, volume};
 use welkin_shaders::Grid;
 use welkin_shaders::cpu::light::Atmosphere;
 use welkin_shaders::cpu::light::moon::{MOON_LAW_DISTANCE_M, MOON_RADIUS_M, MoonLook};

@@ -1,8 +1,6 @@
 //! What pictures must show whatever their exact pixels: colours of the sky, light and shade of clouds, shadows, hard cameras, repeatability.
 
-mod common;
-
-use common::{ball, cumulus_field, settings, sun, volume};
+use welkin_server::clouds::{ball, cumulus_field, settings, sun, volume};
 use welkin_shaders::Grid;
 use welkin_shaders::cpu::light::phase_table::PhaseChoice;
 use welkin_shaders::cpu::view::{Prepared, ViewSettings, radiance, render};

@@ -5,11 +5,9 @@
 //! and then moves a ray's step; a change of the method shows as far more. After an intended change, run
 //! `cargo test -p welkin-tests --test reference_pictures -- --ignored` and look at the new pictures before keeping them.
 
-mod common;
-
 use std::path::PathBuf;
 
-use common::{cumulus_field, settings, sun};
+use welkin_server::clouds::{cumulus_field, settings, sun};
 use welkin_shaders::cpu::view::{Prepared, ViewSettings, render};
 
 const WIDTH: usize = 160;

@@ -2,11 +2,9 @@
 //!
 //! `cargo test -p welkin-tests --test sky_ladder -- --nocapture` prints the table that stands in tests/validation/sky.txt.
 
-mod common;
-
 use std::time::Instant;
 
-use common::{cumulus_field, settings, sun};
+use welkin_server::clouds::{cumulus_field, settings, sun};
 use welkin_shaders::cpu::light::Atmosphere;
 use welkin_shaders::cpu::light::analytic_sky::{AnalyticSky, SkyMethod, turbidity};
 use welkin_shaders::cpu::light::hosek_wilkie::HosekWilkie;

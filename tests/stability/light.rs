@@ -1,12 +1,9 @@
 //! Hard cases for light: the march and the path tracer give finite radiance, never below 0 and never above what one scattering of the sun
 //! straight ahead and its disc together could give.
 
-#[path = "../images/common/mod.rs"]
-mod common;
-
 use std::sync::Arc;
 
-use common::{ball, cumulus_field, settings, sun, volume};
+use welkin_server::clouds::{ball, cumulus_field, settings, sun, volume};
 use welkin_shaders::cpu::light::path_tracer::Film;
 use welkin_shaders::cpu::light::phase_table::{PhaseChoice, PhaseTable};
 use welkin_shaders::cpu::view::{

@@ -6,13 +6,11 @@
 
 #[path = "common.rs"]
 mod adapter;
-#[path = "../images/common/mod.rs"]
-mod common;
 
 use std::sync::Arc;
 
 use adapter::adapter;
-use common::{Random, ball, cumulus_field, settings, sun, volume};
+use welkin_server::clouds::{Random, ball, cumulus_field, settings, sun, volume};
 use welkin_server::machine::Compute;
 use welkin_server::picture::{self, Renderer};
 use welkin_server::world::World;

@@ -1,9 +1,9 @@
 //! What the ladder of light is measured on: seven pictures whose light is hard in seven ways.
 
 use welkin_shaders::CloudVolume;
-use welkin_shaders::cpu::view::{Detail, Ground, Lighting, ViewSettings};
+use welkin_shaders::cpu::view::ViewSettings;
 
-use crate::clouds::{ball, cumulus_field, sun};
+use crate::clouds::{ball, cumulus_field, settings, sun};
 
 /// One picture.
 pub(super) struct Picture {
@@ -11,33 +11,6 @@ pub(super) struct Picture {
     pub(super) what: &'static str,
     pub(super) volume: CloudVolume,
     pub(super) settings: ViewSettings,
-}
-
-fn settings(width: usize, height: usize) -> ViewSettings {
-    ViewSettings {
-        camera_position_m: [3200.0, 300.0, 2.0],
-        azimuth_deg: 0.0,
-        elevation_deg: 18.0,
-        vertical_fov_deg: 55.0,
-        exposure_ev: 0.0,
-        width,
-        height,
-        sun_direction: sun(45.0, 130.0),
-        detail: Some(Detail {
-            strength: 0.6,
-            scale_m: 220.0,
-        }),
-        multiple_scattering_octaves: 6,
-        lighting: Lighting::default(),
-        ground: Ground::Land,
-        cloud_shadow: true,
-        visibility_m: Some(40_000.0),
-        seed: 1,
-        surface_altitude_m: 0.0,
-        moon: None,
-        stars: None,
-        sky: Default::default(),
-    }
 }
 
 fn thinned(mut volume: CloudVolume, factor: f32) -> CloudVolume {
