@@ -189,7 +189,7 @@ mod tests {
             let look = MoonLook::new(moon, MOON_LAW_DISTANCE_M, sun);
             let disc = MoonDisc::new(look, sun, &table, 0.0);
             let radius = look.angular_radius;
-            let (n, mut sum, mut dark) = (64, 0.0f64, 0);
+            let (n, mut sum, mut dark) = (256, 0.0f64, 0);
             for y in 0..n {
                 for x in 0..n / 16 {
                     let at = |i: usize| (2.0 * (i as f32 + 0.5) / n as f32 - 1.0) * radius;
