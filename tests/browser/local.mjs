@@ -69,6 +69,11 @@ await drive(WEBGPU_ON_THE_PROCESSOR, async (browser, url, outDir) => {
     const { cloud_cover } = await numbers();
     return { ok: cloud_cover > 0.05, cloud_cover };
   });
+  await until("the server has kept some seconds of it", async () => {
+    const { moments } = await (await fetch(`${url}/v1/worlds/${world}/past`)).json();
+    const kept_s = moments.length > 0 ? moments.at(-1).published_unix_s - moments[0].published_unix_s : 0;
+    return { ok: kept_s > 5, kept_s };
+  });
   await command({ command: "pause" });
   await until("the world stands", async () => (await numbers()).paused);
   const { tick } = await numbers();
