@@ -7,7 +7,7 @@
 use rayon::prelude::*;
 
 use super::parameters::Parameters;
-use super::slab::{PIECE, Piece, ahead, back, row};
+use super::slab::{Crosswind, PIECE};
 
 /// Runs the stage; nothing if the parameters have no rotation.
 pub fn run(parameters: &Parameters, u: &[f32], v: &[f32], slow_u: &mut [f32], slow_v: &mut [f32]) {
@@ -21,24 +21,17 @@ pub fn run(parameters: &Parameters, u: &[f32], v: &[f32], slow_u: &mut [f32], sl
         .enumerate()
         .for_each(|(z, (slow_u, slow_v))| {
             let (u_g, v_g) = (rotation.wind_x_m_s[z], rotation.wind_y_m_s[z]);
-            let (mut u_here, mut u_south, mut v_here, mut v_north) =
-                (Piece::new(), Piece::new(), Piece::new(), Piece::new());
+            let mut across = Crosswind::new();
             for y in 0..ny {
                 for at in (0..nx).step_by(PIECE) {
                     let cells = PIECE.min(nx - at);
-                    u_here.load(row(grid, u, y, z), at, cells);
-                    u_south.load(row(grid, u, back(y, 1, ny), z), at, cells);
-                    v_here.load(row(grid, v, y, z), at, cells);
-                    v_north.load(row(grid, v, ahead(y, 1, ny), z), at, cells);
-                    let (u0, u_east) = (u_here.from(1, cells), u_here.from(2, cells));
-                    let (us, us_east) = (u_south.from(1, cells), u_south.from(2, cells));
-                    let (v0, v_west) = (v_here.from(1, cells), v_here.from(0, cells));
-                    let (vn, vn_west) = (v_north.from(1, cells), v_north.from(0, cells));
+                    across.load(grid, [u, v], [y, z], at, cells);
                     let here = y * nx + at..y * nx + at + cells;
                     let (slow_u, slow_v) = (&mut slow_u[here.clone()], &mut slow_v[here]);
+                    let (u_at_v, v_at_u) = (&across.u_at_v[..cells], &across.v_at_u[..cells]);
                     for i in 0..cells {
-                        slow_u[i] += f * (0.25 * (v_west[i] + v0[i] + vn_west[i] + vn[i]) - v_g);
-                        slow_v[i] -= f * (0.25 * (u0[i] + u_east[i] + us[i] + us_east[i]) - u_g);
+                        slow_u[i] += f * (v_at_u[i] - v_g);
+                        slow_v[i] -= f * (u_at_v[i] - u_g);
                     }
                 }
             }

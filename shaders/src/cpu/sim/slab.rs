@@ -72,3 +72,50 @@ impl Piece {
         &self.0[shift..shift + n]
     }
 }
+
+/// The horizontal wind at each other's places along a piece of a row: u at the south faces where v sits and v at the west faces where u does, each the
+/// mean of its four nearest values, m/s.
+pub struct Crosswind {
+    u_here: Piece,
+    u_south: Piece,
+    v_here: Piece,
+    v_north: Piece,
+    /// u where v sits.
+    pub u_at_v: [f32; PIECE],
+    /// v where u sits.
+    pub v_at_u: [f32; PIECE],
+}
+
+impl Crosswind {
+    /// Of zeros.
+    #[allow(clippy::new_without_default, reason = "as of a piece")]
+    pub fn new() -> Self {
+        Self {
+            u_here: Piece::new(),
+            u_south: Piece::new(),
+            v_here: Piece::new(),
+            v_north: Piece::new(),
+            u_at_v: [0.0; PIECE],
+            v_at_u: [0.0; PIECE],
+        }
+    }
+
+    /// Takes the `n` cells of row `(y, z)` from `at` on, at most [`PIECE`].
+    #[inline(always)]
+    pub fn load(&mut self, grid: &Grid, [u, v]: [&[f32]; 2], [y, z]: [usize; 2], at: usize, n: usize) {
+        let ny = grid.cells[1];
+        self.u_here.load(row(grid, u, y, z), at, n);
+        self.u_south.load(row(grid, u, back(y, 1, ny), z), at, n);
+        self.v_here.load(row(grid, v, y, z), at, n);
+        self.v_north.load(row(grid, v, ahead(y, 1, ny), z), at, n);
+        let (u0, u_east) = (self.u_here.from(1, n), self.u_here.from(2, n));
+        let (us, us_east) = (self.u_south.from(1, n), self.u_south.from(2, n));
+        let (v0, v_west) = (self.v_here.from(1, n), self.v_here.from(0, n));
+        let (vn, vn_west) = (self.v_north.from(1, n), self.v_north.from(0, n));
+        let (u_at_v, v_at_u) = (&mut self.u_at_v[..n], &mut self.v_at_u[..n]);
+        for i in 0..n {
+            v_at_u[i] = 0.25 * (v_west[i] + v0[i] + vn_west[i] + vn[i]);
+            u_at_v[i] = 0.25 * (u0[i] + u_east[i] + us[i] + us_east[i]);
+        }
+    }
+}

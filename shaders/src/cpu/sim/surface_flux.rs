@@ -5,7 +5,7 @@
 //! the tendencies may be unplanned (empty). Errors: none.
 
 use super::parameters::Parameters;
-use super::slab::{PIECE, Piece, ahead, back, row};
+use super::slab::{Crosswind, PIECE, row};
 
 crate::constants! {
     /// Wind below which the drag falls linearly to 0, m/s.
@@ -34,26 +34,18 @@ pub fn run(
         slow.iter_mut().take(plane).for_each(|s| *s += flux * per_height);
     }
     let drag = surface.friction_velocity_m_s * surface.friction_velocity_m_s * per_height;
-    let (mut u_here, mut u_south, mut v_here, mut v_north) = (Piece::new(), Piece::new(), Piece::new(), Piece::new());
+    let mut across = Crosswind::new();
     for y in 0..ny {
         for at in (0..nx).step_by(PIECE) {
             let cells = PIECE.min(nx - at);
-            u_here.load(row(grid, u, y, 0), at, cells);
-            u_south.load(row(grid, u, back(y, 1, ny), 0), at, cells);
-            v_here.load(row(grid, v, y, 0), at, cells);
-            v_north.load(row(grid, v, ahead(y, 1, ny), 0), at, cells);
-            let (u0, u_east) = (u_here.from(1, cells), u_here.from(2, cells));
-            let (us, us_east) = (u_south.from(1, cells), u_south.from(2, cells));
-            let (v0, v_west) = (v_here.from(1, cells), v_here.from(0, cells));
-            let (vn, vn_west) = (v_north.from(1, cells), v_north.from(0, cells));
+            across.load(grid, [u, v], [y, 0], at, cells);
+            let (u, v) = (&row(grid, u, y, 0)[at..at + cells], &row(grid, v, y, 0)[at..at + cells]);
             let here = y * nx + at..y * nx + at + cells;
             let (slow_u, slow_v) = (&mut slow_u[here.clone()], &mut slow_v[here]);
             for i in 0..cells {
-                let v_at_u = 0.25 * (v_west[i] + v0[i] + vn_west[i] + vn[i]);
-                let u_at_v = 0.25 * (u0[i] + u_east[i] + us[i] + us_east[i]);
-                let (u, v) = (u0[i], v0[i]);
-                slow_u[i] -= drag * u / (u * u + v_at_u * v_at_u).sqrt().max(CALM_M_S);
-                slow_v[i] -= drag * v / (u_at_v * u_at_v + v * v).sqrt().max(CALM_M_S);
+                let (v_at_u, u_at_v) = (across.v_at_u[i], across.u_at_v[i]);
+                slow_u[i] -= drag * u[i] / (u[i] * u[i] + v_at_u * v_at_u).sqrt().max(CALM_M_S);
+                slow_v[i] -= drag * v[i] / (u_at_v * u_at_v + v[i] * v[i]).sqrt().max(CALM_M_S);
             }
         }
     }
