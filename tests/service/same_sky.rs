@@ -241,17 +241,27 @@ async fn ten_clients_hold_the_same_field_at_the_same_tick() {
     // The clocks agree with the server's, and so with one another.
     let now = Instant::now();
     let true_s = server.state.volumes().clock().unix_s(now);
+    let mut errors_s = Vec::new();
     for (n, theirs) in &seen {
         let theirs_s = theirs
             .clock
             .server_unix_s((now - base).as_secs_f64())
             .expect("it asked");
+        // What a clock says of its own error holds however busy the machine is.
+        let error_s = (theirs_s - true_s).abs();
+        let stated_s = theirs.clock.error_max_s().expect("it asked");
         assert!(
-            (theirs_s - true_s).abs() < 0.01,
-            "client {n} is {} s off",
-            theirs_s - true_s
+            error_s <= stated_s + 1e-3,
+            "client {n} is {error_s} s off and says {stated_s}"
         );
+        errors_s.push(error_s);
     }
+    // Two of these are within 20 ms of one another.
+    errors_s.sort_by(f64::total_cmp);
+    assert!(
+        errors_s[errors_s.len() / 2] < 0.01,
+        "half of the clocks are off by more: {errors_s:?}"
+    );
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
