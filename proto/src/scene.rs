@@ -77,6 +77,8 @@ pub struct Methods {
     pub scattering: Option<Scattering>,
     /// How pictures learn how much cloud lies towards the sun; `light_grid` unless named. Needs the effect `moisture`.
     pub sun_occlusion: Option<SunOcclusion>,
+    /// Where a ray of view looks into cloud; steps `by_distance` unless named. Needs the effect `moisture`.
+    pub view_steps: Option<ViewSteps>,
     /// How droplets turn light; those of 18 micrometres by the fit unless named. Needs the effect `moisture`.
     pub phase: Option<Phase>,
 }
@@ -91,6 +93,24 @@ pub enum Scattering {
     MultipleForward,
     /// Light diffuses: the nearest to traced paths in thick cloud; on the CPU alone. The effect's octaves are not looked at.
     Diffusion,
+}
+
+/// See [`Methods::view_steps`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "steps", rename_all = "snake_case", deny_unknown_fields)]
+pub enum ViewSteps {
+    /// Steps of 15 m that grow with the distance from the camera, to 200 m.
+    ByDistance {},
+    /// Steps of about so much cloud each: short in thick cloud, long in thin.
+    ByOpticalDepth {
+        /// Optical depth of a step, 0.02 to 4.
+        optical_depth: f64,
+    },
+    /// So many steps from where a ray first meets cloud to where no more can come, each longer than the one before by the same factor (seed 000).
+    LogarithmicSegments {
+        /// Steps, 2 to 512.
+        segments: u32,
+    },
 }
 
 /// See [`Methods::sun_occlusion`].
@@ -150,6 +170,11 @@ pub enum Phase {
     Mie {
         /// 1 to 50 micrometres.
         effective_radius_um: f64,
+    },
+    /// That of hexagonal crystals of ice at random, in three colours: with the halos of 22 and 46 degrees.
+    Ice {
+        /// Length of the crystals over their width, 0.05 (plates) to 20 (columns).
+        aspect_ratio: f64,
     },
 }
 
@@ -375,6 +400,8 @@ pub struct Effects {
     pub multiple_scattering: Option<MultipleScattering>,
     /// Clouds' shadows on the ground. Needs `moisture`.
     pub cloud_shadow: Option<CloudShadow>,
+    /// Clouds' shadows in the hazy air, so that light falls through gaps in shafts. Needs `moisture` and `aerial_perspective`.
+    pub light_shafts: Option<LightShafts>,
     /// Haze between the viewer and the cloud.
     pub aerial_perspective: Option<AerialPerspective>,
     /// The moon: its disc, and its light on sky, cloud and ground while the sun is down. With `moon` or `stars` pictures adapt to the dark and the night sky
@@ -564,6 +591,14 @@ pub struct MultipleScattering {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CloudShadow {}
+
+/// See [`Effects::light_shafts`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LightShafts {
+    /// Samples along a ray of view, 4 to 128; 24 show shafts with little grain.
+    pub samples: u32,
+}
 
 /// See [`Effects::aerial_perspective`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -9,6 +9,7 @@ use crate::camera::Camera;
 use crate::error::ApiError;
 use crate::scene::{
     BaseState, Effects, Methods, Moon, Phase, Pressure, Profile, ProfileLevel, SCENE_VERSION, Scene, Sun, SunOcclusion,
+    ViewSteps,
 };
 use crate::wire::Command;
 
@@ -363,6 +364,21 @@ fn methods(methods: &Methods, effects: &Effects) -> Result<(), ApiError> {
         "moisture",
     )?;
     needs("/methods/phase", methods.phase.is_some(), moisture, "moisture")?;
+    needs(
+        "/methods/view_steps",
+        methods.view_steps.is_some(),
+        moisture,
+        "moisture",
+    )?;
+    match methods.view_steps {
+        None | Some(ViewSteps::ByDistance {}) => {}
+        Some(ViewSteps::ByOpticalDepth { optical_depth }) => {
+            range("/methods/view_steps/optical_depth", optical_depth, 0.02, 4.0)?;
+        }
+        Some(ViewSteps::LogarithmicSegments { segments }) => {
+            range("/methods/view_steps/segments", f64::from(segments), 2.0, 512.0)?;
+        }
+    }
     match methods.sun_occlusion {
         None | Some(SunOcclusion::LightGrid {}) => {}
         Some(SunOcclusion::SecondaryMarch { steps }) => {
@@ -391,6 +407,7 @@ fn methods(methods: &Methods, effects: &Effects) -> Result<(), ApiError> {
         Some(Phase::Mie { effective_radius_um }) => {
             range("/methods/phase/effective_radius_um", effective_radius_um, 1.0, 50.0)?;
         }
+        Some(Phase::Ice { aspect_ratio }) => range("/methods/phase/aspect_ratio", aspect_ratio, 0.05, 20.0)?,
     }
     needs("/methods/advection", methods.advection.is_some(), flow, "flow")?;
     needs("/methods/pressure", methods.pressure.is_some(), flow, "flow")?;
@@ -456,6 +473,18 @@ fn effect_needs(effects: &Effects) -> Result<(), ApiError> {
         effects.cloud_shadow.is_some(),
         moisture,
         "moisture",
+    )?;
+    needs(
+        "/effects/light_shafts",
+        effects.light_shafts.is_some(),
+        moisture,
+        "moisture",
+    )?;
+    needs(
+        "/effects/light_shafts",
+        effects.light_shafts.is_some(),
+        effects.aerial_perspective.is_some(),
+        "aerial_perspective",
     )?;
     if let Some(surface) = &effects.surface {
         needs(
@@ -657,6 +686,9 @@ fn effects(effects: &Effects, lid_m: f64, limits: &Limits) -> Result<(), ApiErro
     if let Some(scattering) = &effects.multiple_scattering {
         let octaves = f64::from(scattering.octaves);
         range("/effects/multiple_scattering/octaves", octaves, 1.0, 8.0)?;
+    }
+    if let Some(shafts) = &effects.light_shafts {
+        range("/effects/light_shafts/samples", f64::from(shafts.samples), 4.0, 128.0)?;
     }
     if let Some(aerial) = &effects.aerial_perspective {
         range(

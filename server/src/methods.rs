@@ -1,6 +1,6 @@
 //! Which rung of each ladder a scene gets, and why.
 
-use welkin_proto::scene::{Accuracy, Advection, Phase, Pressure, Scattering, Sky, SunOcclusion};
+use welkin_proto::scene::{Accuracy, Advection, Phase, Pressure, Scattering, Sky, SunOcclusion, ViewSteps};
 use welkin_proto::{ApiError, Scene};
 use welkin_shaders::catalogue::{Ladder, Rung};
 use welkin_shaders::cpu::light::phase_table::PhaseChoice;
@@ -89,6 +89,26 @@ fn sun_occlusion_of(occlusion: &SunOcclusion) -> (Rung, view::SunOcclusion) {
     }
 }
 
+fn view_steps_of(steps: &ViewSteps) -> (Rung, view::ViewSteps) {
+    match *steps {
+        ViewSteps::ByDistance {} => (Rung::ByDistance, view::ViewSteps::ByDistance),
+        ViewSteps::ByOpticalDepth { optical_depth } => {
+            let optical_depth = optical_depth as f32;
+            (Rung::ByOpticalDepth, view::ViewSteps::ByOpticalDepth { optical_depth })
+        }
+        ViewSteps::LogarithmicSegments { segments } => (
+            Rung::LogarithmicSegments,
+            view::ViewSteps::LogarithmicSegments { segments },
+        ),
+    }
+}
+
+/// Where a scene's pictures look into cloud.
+pub fn view_steps(scene: &Scene) -> view::ViewSteps {
+    let named = scene.methods.view_steps.as_ref();
+    named.map(|s| view_steps_of(s).1).unwrap_or_default()
+}
+
 fn phase_of(phase: &Phase) -> (Rung, PhaseChoice) {
     match *phase {
         Phase::Rayleigh {} => (Rung::Rayleigh, PhaseChoice::Rayleigh),
@@ -115,6 +135,10 @@ fn phase_of(phase: &Phase) -> (Rung, PhaseChoice) {
         Phase::Mie { effective_radius_um } => {
             let effective_radius_um = effective_radius_um as f32;
             (Rung::Mie, PhaseChoice::Mie { effective_radius_um })
+        }
+        Phase::Ice { aspect_ratio } => {
+            let aspect_ratio = aspect_ratio as f32;
+            (Rung::Ice, PhaseChoice::Ice { aspect_ratio })
         }
     }
 }
@@ -144,10 +168,12 @@ fn light_choices(scene: &Scene) -> impl Iterator<Item = Choice> {
         (None, _) => (Rung::Octaves, "effect multiple_scattering"),
     };
     let phase = methods.phase.as_ref().map(|p| (phase_of(p).0, named));
+    let steps = methods.view_steps.as_ref().map(|s| (view_steps_of(s).0, named));
     let rungs = [
         occlusion.unwrap_or((Rung::LightGrid, usual)),
         scattering,
         phase.unwrap_or((Rung::Droplets, usual)),
+        steps.unwrap_or((Rung::ByDistance, usual)),
     ];
     rungs.into_iter().map(|(rung, why)| Choice {
         rung,

@@ -201,11 +201,13 @@ pub fn settings(snapshot: &Snapshot, scene: &Scene, camera: &Camera, [width, hei
         }),
         multiple_scattering_octaves: effects.multiple_scattering.as_ref().map_or(0, |m| m.octaves),
         lighting: methods::lighting(scene),
+        steps: methods::view_steps(scene),
         ground: match scene.domain.ground {
             scene::Ground::Land => Ground::Land,
             scene::Ground::Sea => Ground::Sea,
         },
         cloud_shadow: effects.cloud_shadow.is_some(),
+        light_shafts: effects.light_shafts.as_ref().map_or(0, |s| s.samples),
         visibility_m: effects.aerial_perspective.as_ref().map(|a| a.visibility_m as f32),
         seed: scene.seed,
         surface_altitude_m: scene.domain.surface_altitude_m as f32,

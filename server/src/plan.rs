@@ -39,6 +39,7 @@ pub fn effects(effects: &Effects) -> Vec<Effect> {
         (effects.cloud_detail.is_some(), Effect::CloudDetail),
         (effects.multiple_scattering.is_some(), Effect::MultipleScattering),
         (effects.cloud_shadow.is_some(), Effect::CloudShadow),
+        (effects.light_shafts.is_some(), Effect::LightShafts),
         (effects.aerial_perspective.is_some(), Effect::AerialPerspective),
         (effects.moon.is_some(), Effect::Moon),
         (effects.stars.is_some(), Effect::Stars),

@@ -26,7 +26,7 @@ const SCENERY: &[(&str, &[&str])] = &[
     ("Air", &["surface_altitude_m", "aerosol_per_m"]),
     ("SkyView", &["scattered_glow", "layer_glow"]),
     ("SkyLightAsk", &["ground_albedo", "scattered_glow", "layer_glow"]),
-    ("SunMarch", &["carved"]),
+    ("SunMarch", &["carved", "margin_m"]),
     (
         "ViewFrame",
         &[
@@ -42,6 +42,9 @@ const SCENERY: &[(&str, &[&str])] = &[
             "haze_on_cloud",
             "night",
             "secondary_steps",
+            "shaft_samples",
+            "step_depth",
+            "segments",
             "depth_scale",
         ],
     ),
@@ -148,7 +151,7 @@ pub fn scenery(snapshot: &Snapshot) -> Result<Scenery, ApiError> {
     let sun = look.sources().sun;
     let view = SkyView::new(&sun, look.position_m[2]);
     let ask = SkyLightAsk::new(&sun, look.ground, [0.0; 2]);
-    let march = SunMarch::new(look.table_beam, look.detail.is_some());
+    let march = SunMarch::new(&look);
     let of = |name: &str| match name {
         "Air" => (&Air::LAYOUT, air.bytes()),
         "SkyView" => (&SkyView::LAYOUT, view.bytes()),

@@ -1020,16 +1020,23 @@ impl World {
             VIEW_STAGES
                 .iter()
                 .filter(|s| s.needs.iter().all(|e| self.plan.effects.contains(e)))
+                .filter(|s| s.rungs.is_empty() || chosen.choices.iter().any(|c| s.rungs.contains(&c.rung)))
                 .map(|stage| PassReport {
                     stage: stage.name.to_owned(),
                     phase: "view".to_owned(),
-                    why: match stage.needs {
-                        [] => format!("every picture: {}", stage.what),
-                        needs => format!(
-                            "effect {}: {}",
-                            needs.iter().map(|e| e.name()).collect::<Vec<_>>().join(" + "),
-                            stage.what
-                        ),
+                    why: {
+                        let mut why = match stage.needs {
+                            [] => "every picture".to_owned(),
+                            needs => {
+                                let names: Vec<_> = needs.iter().map(|e| e.name()).collect();
+                                format!("effect {}", names.join(" + "))
+                            }
+                        };
+                        for choice in chosen.choices.iter().filter(|c| stage.rungs.contains(&c.rung)) {
+                            let rung = choice.rung.info();
+                            why += &format!(", {} {}", rung.ladder.name(), rung.name);
+                        }
+                        format!("{why}: {}", stage.what)
                     },
                     reads: stage.reads.iter().map(|s| (*s).to_owned()).collect(),
                     writes: stage.writes.iter().map(|s| (*s).to_owned()).collect(),

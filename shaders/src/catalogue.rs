@@ -214,6 +214,8 @@ pub enum Effect {
     MultipleScattering,
     /// Shadows of clouds on the ground.
     CloudShadow,
+    /// Shadows of clouds in the air.
+    LightShafts,
     /// Haze.
     AerialPerspective,
     /// The moon and its light.
@@ -239,6 +241,7 @@ impl Effect {
             Effect::CloudDetail => "cloud_detail",
             Effect::MultipleScattering => "multiple_scattering",
             Effect::CloudShadow => "cloud_shadow",
+            Effect::LightShafts => "light_shafts",
             Effect::AerialPerspective => "aerial_perspective",
             Effect::Moon => "moon",
             Effect::Stars => "stars",
@@ -265,6 +268,8 @@ pub enum Ladder {
     Scattering,
     /// How droplets turn light.
     Phase,
+    /// Where a ray of view looks into cloud.
+    ViewSteps,
 }
 
 impl Ladder {
@@ -278,6 +283,7 @@ impl Ladder {
         Ladder::SunOcclusion,
         Ladder::Scattering,
         Ladder::Phase,
+        Ladder::ViewSteps,
     ];
 
     /// The name in scenes and plans.
@@ -291,6 +297,7 @@ impl Ladder {
             Ladder::SunOcclusion => "sun_occlusion",
             Ladder::Scattering => "scattering",
             Ladder::Phase => "phase",
+            Ladder::ViewSteps => "view_steps",
         }
     }
 
@@ -465,6 +472,18 @@ rungs! {
     Mie Phase "mie" Devices::Both, None,
         "Mie's series over a distribution of droplets, in three colours"
         keeps "glory, fogbow and their colours";
+    Ice Phase "ice" Devices::Both, None,
+        "rays through hexagonal crystals of ice that lie at random, and diffraction, in three colours"
+        keeps "the halos of 22 and 46 degrees and their colours";
+    LogarithmicSegments ViewSteps "logarithmic_segments" Devices::Both, None,
+        "so many steps from the first cloud to the last place where there can be some, each longer by the same factor"
+        keeps "the near edge of the first cloud; farther clouds are met by few steps";
+    ByOpticalDepth ViewSteps "by_optical_depth" Devices::Both, None,
+        "steps of about the same optical depth"
+        keeps "what light does within a step, whatever the cloud; thin wisps behind a thick edge may be stepped over";
+    ByDistance ViewSteps "by_distance" Devices::Both, None,
+        "steps that grow with the distance from the camera"
+        keeps "what a pixel resolves";
 }
 
 impl Pass {
@@ -477,8 +496,14 @@ impl Pass {
 impl Rung {
     /// Whether it is written: some pass belongs to it, or it is a ladder's `none`, or one of pictures, which are no passes.
     pub fn is_there(self) -> bool {
-        let of_pictures =
-            [Ladder::Sky, Ladder::SunOcclusion, Ladder::Scattering, Ladder::Phase].contains(&self.info().ladder);
+        let of_pictures = [
+            Ladder::Sky,
+            Ladder::SunOcclusion,
+            Ladder::Scattering,
+            Ladder::Phase,
+            Ladder::ViewSteps,
+        ]
+        .contains(&self.info().ladder);
         of_pictures
             || matches!(self, Rung::NoSubgrid | Rung::NoMicrophysics)
             || Pass::ALL.iter().any(|p| p.info().rungs.contains(&self))
@@ -753,6 +778,8 @@ pub struct ViewStage {
     pub name: &'static str,
     /// The effects that must all be present; none: every picture needs it.
     pub needs: &'static [Effect],
+    /// The rungs of which one must be chosen; none: it runs whatever is.
+    pub rungs: &'static [Rung],
     /// What it reads.
     pub reads: &'static [&'static str],
     /// What it writes.
@@ -796,6 +823,7 @@ pub const VIEW_STAGES: &[ViewStage] = &[
     ViewStage {
         name: "transmittance_table",
         needs: &[],
+        rungs: &[],
         reads: &["atmosphere"],
         writes: &["air_transmittance"],
         what: "sunlight through clear air, by height and direction",
@@ -808,6 +836,7 @@ pub const VIEW_STAGES: &[ViewStage] = &[
     ViewStage {
         name: "multiple_scattering_table",
         needs: &[],
+        rungs: &[],
         reads: &["atmosphere", "air_transmittance"],
         writes: &["air_multiple_scattering"],
         what: "light scattered more than once in clear air",
@@ -820,6 +849,7 @@ pub const VIEW_STAGES: &[ViewStage] = &[
     ViewStage {
         name: "sky_table",
         needs: &[],
+        rungs: &[],
         reads: &[
             "atmosphere",
             "air_transmittance",
@@ -837,6 +867,7 @@ pub const VIEW_STAGES: &[ViewStage] = &[
     ViewStage {
         name: "analytic_sky",
         needs: &[],
+        rungs: &[Rung::Preetham, Rung::HosekWilkie],
         reads: &["atmosphere", "sun_direction"],
         writes: &["sky_radiance", "sun_and_sky_on_cloud_and_ground"],
         what: "the sky by a formula in place of the tables', where the scene's methods name one (within sky_table and sky_light)",
@@ -849,6 +880,7 @@ pub const VIEW_STAGES: &[ViewStage] = &[
     ViewStage {
         name: "sky_light",
         needs: &[],
+        rungs: &[],
         reads: &["air_transmittance", "air_multiple_scattering", "sun_direction"],
         writes: &["sun_and_sky_on_cloud_and_ground"],
         what: "what sun, sky and ground give to clouds and land",
@@ -861,6 +893,7 @@ pub const VIEW_STAGES: &[ViewStage] = &[
     ViewStage {
         name: "shape",
         needs: &[Effect::Moisture],
+        rungs: &[],
         reads: &["extinction"],
         writes: &["cloud_cover_and_amplitude"],
         what: "the cloud as a smooth field, twice as fine as the grid",
@@ -873,6 +906,7 @@ pub const VIEW_STAGES: &[ViewStage] = &[
     ViewStage {
         name: "occupancy",
         needs: &[Effect::Moisture],
+        rungs: &[],
         reads: &["cloud_cover_and_amplitude"],
         writes: &["empty_distance"],
         what: "how far a ray may leap over empty air (within shape)",
@@ -885,6 +919,7 @@ pub const VIEW_STAGES: &[ViewStage] = &[
     ViewStage {
         name: "sky_visibility",
         needs: &[Effect::Moisture],
+        rungs: &[],
         reads: &["extinction"],
         writes: &["sky_and_ground_visibility"],
         what: "how much light of sky and ground reaches the inside of clouds",
@@ -897,6 +932,7 @@ pub const VIEW_STAGES: &[ViewStage] = &[
     ViewStage {
         name: "sun_optical_depth",
         needs: &[Effect::Moisture],
+        rungs: &[],
         reads: &[
             "cloud_cover_and_amplitude",
             "sky_and_ground_visibility",
@@ -911,8 +947,40 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         },
     },
     ViewStage {
+        name: "march_phase",
+        needs: &[Effect::Moisture],
+        rungs: &[],
+        reads: &[],
+        writes: &["phase_of_single_scattering_and_octaves"],
+        what: "how droplets turn light, as the march looks it up",
+        tolerance: Tolerance {
+            within: Within::Absolute(1.0),
+            outside: 0.001,
+            why: "computed on the CPU for both devices; judged by pictures",
+        },
+    },
+    ViewStage {
+        name: "sun_map",
+        needs: &[Effect::Moisture],
+        rungs: &[Rung::ExponentialShadowMap, Rung::BeerShadowMap, Rung::FourierOpacityMap],
+        reads: &["cloud_cover_and_amplitude", "detail_tile", "sun_direction"],
+        writes: &["sun_map"],
+        what: "what the sun's rays meet, a map as seen from the sun",
+        tolerance: PICTURE,
+    },
+    ViewStage {
+        name: "diffusion",
+        needs: &[Effect::Moisture],
+        rungs: &[Rung::Diffusion],
+        reads: &["cloud_cover_and_amplitude", "sun_optical_depth"],
+        writes: &["diffuse_fluence"],
+        what: "sunlight that cloud has scattered so often that it goes all ways",
+        tolerance: PICTURE,
+    },
+    ViewStage {
         name: "detail_noise",
         needs: &[Effect::CloudDetail],
+        rungs: &[],
         reads: &[],
         writes: &["detail_tile"],
         what: "the pattern that carves edges finer than a cell",
@@ -925,6 +993,7 @@ pub const VIEW_STAGES: &[ViewStage] = &[
     ViewStage {
         name: "march:octaves",
         needs: &[Effect::MultipleScattering],
+        rungs: &[],
         reads: &["sun_optical_depth"],
         writes: &["scattered_octaves"],
         what: "light scattered more than once inside cloud (within march)",
@@ -933,6 +1002,7 @@ pub const VIEW_STAGES: &[ViewStage] = &[
     ViewStage {
         name: "march",
         needs: &[],
+        rungs: &[],
         reads: &[
             "sky_radiance",
             "sun_and_sky_on_cloud_and_ground",
@@ -945,8 +1015,18 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         tolerance: PICTURE,
     },
     ViewStage {
+        name: "march:steps",
+        needs: &[Effect::Moisture],
+        rungs: &[Rung::LogarithmicSegments, Rung::ByOpticalDepth],
+        reads: &["cloud_cover_and_amplitude"],
+        writes: &["radiance"],
+        what: "other lengths of the steps through cloud (within march)",
+        tolerance: PICTURE,
+    },
+    ViewStage {
         name: "ground",
         needs: &[],
+        rungs: &[],
         reads: &["sun_and_sky_on_cloud_and_ground"],
         writes: &["radiance"],
         what: "the land (within march)",
@@ -955,6 +1035,7 @@ pub const VIEW_STAGES: &[ViewStage] = &[
     ViewStage {
         name: "ground:shadow",
         needs: &[Effect::CloudShadow],
+        rungs: &[],
         reads: &["ground_shadow"],
         writes: &["radiance"],
         what: "the clouds' shadow on the land (within march)",
@@ -963,14 +1044,30 @@ pub const VIEW_STAGES: &[ViewStage] = &[
     ViewStage {
         name: "haze",
         needs: &[Effect::AerialPerspective],
+        rungs: &[],
         reads: &["atmosphere"],
         writes: &["radiance"],
         what: "the air between the camera and the cloud (within march)",
         tolerance: PICTURE,
     },
     ViewStage {
+        name: "light_shafts",
+        needs: &[Effect::LightShafts],
+        rungs: &[],
+        reads: &[
+            "atmosphere",
+            "sun_and_sky_on_cloud_and_ground",
+            "sun_optical_depth",
+            "ground_shadow",
+        ],
+        writes: &["radiance"],
+        what: "the clouds' shadows in the air (within march)",
+        tolerance: PICTURE,
+    },
+    ViewStage {
         name: "moon",
         needs: &[Effect::Moon],
+        rungs: &[],
         reads: &["moon_direction", "sun_direction", "air_transmittance"],
         writes: &["sky_radiance", "sun_and_sky_on_cloud_and_ground", "radiance"],
         what: "the moon's disc, and by night its sky and its beam in place of the sun's (within sky_table, sky_light and march)",
@@ -979,6 +1076,7 @@ pub const VIEW_STAGES: &[ViewStage] = &[
     ViewStage {
         name: "stars",
         needs: &[Effect::Stars],
+        rungs: &[],
         reads: &["star_catalogue", "sidereal_time", "air_transmittance"],
         writes: &["star_table", "radiance"],
         what: "the stars by night: a table once, then within march",
@@ -987,6 +1085,7 @@ pub const VIEW_STAGES: &[ViewStage] = &[
     ViewStage {
         name: "tone_map",
         needs: &[],
+        rungs: &[],
         reads: &["radiance"],
         writes: &["picture"],
         what: "exposure, filmic curve, sRGB (within march)",

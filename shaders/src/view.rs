@@ -11,6 +11,7 @@ use crate::cpu::light::sky_table::SkySource;
 use crate::cpu::light::stars::STARS_SUN_SINE;
 use crate::cpu::view::detail_noise::TILE_BILLOWS;
 pub use crate::cpu::view::ground::Ground;
+use crate::cpu::view::light_shafts::SHAFT_SAMPLES_MAX;
 use crate::cpu::view::march::OCTAVES_MAX;
 use crate::cpu::view::tone_map;
 
@@ -114,6 +115,24 @@ pub enum SunOcclusion {
 /// Steps of a secondary march at most.
 pub const SECONDARY_STEPS_MAX: u32 = 512;
 
+/// Where a ray of view looks into cloud.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum ViewSteps {
+    /// Steps that grow with the distance from the camera.
+    #[default]
+    ByDistance,
+    /// Steps of about the same optical depth.
+    ByOpticalDepth {
+        /// That of a step, 0.02 to 4.
+        optical_depth: f32,
+    },
+    /// Steps from the first cloud on, each longer than the one before by the same factor.
+    LogarithmicSegments {
+        /// Their number, 2 to 512.
+        segments: u32,
+    },
+}
+
 /// How clouds are lit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Lighting {
@@ -157,10 +176,14 @@ pub struct ViewSettings {
     pub multiple_scattering_octaves: u32,
     /// How clouds are lit.
     pub lighting: Lighting,
+    /// Where rays look into cloud.
+    pub steps: ViewSteps,
     /// What lies under the clouds.
     pub ground: Ground,
     /// Whether clouds shade the ground.
     pub cloud_shadow: bool,
+    /// Samples a ray of the clouds' shadows in the air; 0 draws none; at most [`SHAFT_SAMPLES_MAX`].
+    pub light_shafts: u32,
     /// Horizontal visibility near the ground, m; none draws no haze between camera and cloud.
     pub visibility_m: Option<f32>,
     /// Shifts the detail noise.
@@ -192,8 +215,8 @@ pub struct FrameDetail {
 pub type SkyKey = (Atmosphere, Sources, f32);
 /// Air, ground, what lights the sky, the cloud's base and top: what the light on clouds and ground depends on.
 pub type LightKey = (Atmosphere, Ground, Sources, [f32; 2]);
-/// Volume, whether carved, where the beam comes from: what the cloud's optical depths depend on.
-pub type SunLightKey = (u64, bool, [f32; 3]);
+/// Volume, whether carved, whether wanted away from clouds, where the beam comes from: what the cloud's optical depths depend on.
+pub type SunLightKey = (u64, bool, bool, [f32; 3]);
 
 /// What lights the sky, directions as tables are made for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -249,6 +272,10 @@ pub struct Look {
     pub octaves: usize,
     /// How clouds are lit.
     pub lighting: Lighting,
+    /// Where rays look into cloud: optical depth of a step, or 0; number of segments, or 0. With neither steps go by distance.
+    pub steps: (f32, u32),
+    /// Samples a ray of the clouds' shadows in the air.
+    pub shaft_samples: u32,
 }
 
 impl Look {
@@ -290,7 +317,17 @@ impl Look {
                 Scattering::MultipleForward | Scattering::Diffusion => 0,
             },
             lighting: settings.lighting,
+            steps: match settings.steps {
+                ViewSteps::ByDistance => (0.0, 0),
+                ViewSteps::ByOpticalDepth { optical_depth } => (finite(optical_depth, 0.25).clamp(0.02, 4.0), 0),
+                ViewSteps::LogarithmicSegments { segments } => (0.0, segments.clamp(2, 512)),
+            },
+            shaft_samples: settings.light_shafts.min(SHAFT_SAMPLES_MAX),
         }
+    }
+    /// Whether the light towards the sun is wanted away from clouds too.
+    pub fn lit_everywhere(&self) -> bool {
+        self.shaft_samples > 0
     }
     /// Key of the sky table.
     pub fn sky_key(&self) -> SkyKey {
@@ -342,7 +379,7 @@ impl Look {
     }
     /// Key of the optical depths of the volume with this fingerprint.
     pub fn sun_light_key(&self, volume: u64) -> SunLightKey {
-        (volume, self.detail.is_some(), self.table_beam)
+        (volume, self.detail.is_some(), self.lit_everywhere(), self.table_beam)
     }
 }
 

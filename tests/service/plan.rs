@@ -182,6 +182,7 @@ fn a_plan_runs_one_rung_of_each_ladder_and_says_why() {
             ("sun_occlusion", "light_grid", "what a scene has that names none"),
             ("scattering", "octaves", "effect multiple_scattering"),
             ("phase", "droplets", "what a scene has that names none"),
+            ("view_steps", "by_distance", "what a scene has that names none"),
         ]
     );
     assert_eq!(report.courant_max, Some(1.0));

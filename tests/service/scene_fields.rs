@@ -22,6 +22,7 @@ fn full() -> Value {
         "acceleration_m_s2": [0.01, 0.0, 0.0], "drag_per_s": 0.001
     });
     scene["effects"]["moon"] = json!({ "from": "fixed", "elevation_deg": 30.0, "azimuth_deg": 200.0 });
+    scene["effects"]["light_shafts"] = json!({ "samples": 24 });
     scene["effects"]["stars"] = json!({ "faintest_magnitude": 5.5 });
     scene["sun"] = json!({ "from": "fixed", "elevation_deg": 45.0, "azimuth_deg": 120.0 });
     scene
@@ -317,6 +318,7 @@ fn every_number_has_a_range() {
         ("/effects/cloud_detail/strength", json!(-0.1), json!(1.1), "0 to 1"),
         ("/effects/cloud_detail/scale_m", json!(0.0), json!(1e6), "1 to 100000"),
         ("/effects/multiple_scattering/octaves", json!(0), json!(9), "1 to 8"),
+        ("/effects/light_shafts/samples", json!(3), json!(129), "4 to 128"),
         (
             "/effects/aerial_perspective/visibility_m",
             json!(0.0),
@@ -625,6 +627,7 @@ fn effects_need_each_other() {
         ("cloud_detail", "moisture"),
         ("multiple_scattering", "moisture"),
         ("cloud_shadow", "moisture"),
+        ("light_shafts", "moisture"),
     ] {
         let mut scene = full();
         scene["effects"] = json!({ alone: full()["effects"][alone] });
@@ -740,6 +743,7 @@ fn methods_are_read_and_judged() {
     parse_scene(&good.to_string(), &Limits::default()).expect("good methods");
     for good in [
         json!({ "scattering": "diffusion", "sun_occlusion": { "method": "beer_shadow_map", "side": 512 } }),
+        json!({ "view_steps": { "steps": "by_optical_depth", "optical_depth": 0.25 }, "phase": { "function": "ice", "aspect_ratio": 2 } }),
         json!({ "sun_occlusion": { "method": "secondary_march", "steps": 8 }, "phase": { "function": "mie", "effective_radius_um": 9 } }),
         json!({ "phase": { "function": "double_henyey_greenstein", "forward_asymmetry": 0.9, "backward_asymmetry": -0.4, "forward_share": 0.8 } }),
     ] {
@@ -835,6 +839,24 @@ fn methods_are_read_and_judged() {
             "out_of_range",
             "/methods/phase/effective_radius_um",
             "1 to 50",
+        ),
+        (
+            json!({ "view_steps": { "steps": "logarithmic_segments", "segments": 1 } }),
+            "out_of_range",
+            "/methods/view_steps/segments",
+            "2 to 512",
+        ),
+        (
+            json!({ "view_steps": { "steps": "by_optical_depth", "optical_depth": 5.0 } }),
+            "out_of_range",
+            "/methods/view_steps/optical_depth",
+            "0.02 to 4",
+        ),
+        (
+            json!({ "phase": { "function": "ice", "aspect_ratio": 30 } }),
+            "out_of_range",
+            "/methods/phase/aspect_ratio",
+            "0.05 to 20",
         ),
         (
             json!({ "phase": { "function": "droplets", "diameter_um": 60 } }),

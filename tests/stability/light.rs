@@ -147,6 +147,7 @@ fn phases_with_sharp_peaks() {
         PhaseChoice::Mie {
             effective_radius_um: 0.0,
         },
+        PhaseChoice::Ice { aspect_ratio: 0.0 },
     ] {
         // The sun in the middle of the picture.
         let mut view = ViewSettings {

@@ -8,6 +8,7 @@ use clap::{Args, ValueEnum};
 use super::{
     Failure, MachineFlags, Outcome, columns, interrupt_flag, make_folder, print_line, progress_bar, write_file,
 };
+use crate::ladder::experiments::{self, Conditions};
 use crate::ladder::light::{self, LightContext, LightReport, LightScene};
 use crate::ladder::{self, CaseReport, Context, LadderError, Report};
 
@@ -16,6 +17,7 @@ Examples:
   welkin ladder dynamics --quick           every rung of advection, pressure and subgrid, small
   welkin ladder dynamics --out results     at full size; JSON, table and plot into a folder
   welkin ladder light --quick              every way to light a cloud against traced paths, small
+  welkin ladder experiments                what pictures cost by map, samples, size, cover and segments
   welkin ladder light --truths traced --out results     interrupt it, run it again: it goes on";
 
 /// Which ladders.
@@ -25,6 +27,8 @@ enum Which {
     Dynamics,
     /// How clouds are lit, on the CPU.
     Light,
+    /// The seeds' experiments on what pictures cost, on the CPU.
+    Experiments,
 }
 
 #[derive(Args)]
@@ -82,6 +86,17 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
                     ("-pictures", light::contact_sheet(&report)?),
                 ];
                 written(&report, light_table(&report), "light", plots)
+            })
+        }
+        Which::Experiments => {
+            options.machine.size_pool(None);
+            experiments::experiments(&Conditions {
+                quick: options.quick,
+                progress: &progress,
+            })
+            .and_then(|report| {
+                let plots = vec![("", experiments::png(&report)?)];
+                written(&report, experiments::text(&report), "experiments", plots)
             })
         }
     };

@@ -39,6 +39,8 @@ enum Phase {
     Droplets,
     /// Mie's, effective radius 9 micrometres.
     Mie,
+    /// That of compact hexagonal crystals of ice.
+    Ice,
     /// Henyey and Greenstein's, mean cosine 0.85.
     HenyeyGreenstein,
     /// Molecules', for comparison.
@@ -52,6 +54,7 @@ impl Phase {
             Phase::Mie => PhaseChoice::Mie {
                 effective_radius_um: 9.0,
             },
+            Phase::Ice => PhaseChoice::Ice { aspect_ratio: 1.0 },
             Phase::HenyeyGreenstein => PhaseChoice::HenyeyGreenstein { asymmetry: 0.85 },
             Phase::Rayleigh => PhaseChoice::Rayleigh,
         }

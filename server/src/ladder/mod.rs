@@ -5,6 +5,7 @@
 
 mod cases;
 mod draw;
+pub mod experiments;
 pub mod light;
 
 use std::time::Instant;

@@ -104,5 +104,6 @@ modules! {
     "view/haze" constants [light::atmosphere::WGSL] structs [ViewFrame::LAYOUT];
     "view/ground" constants [view_twins::ground::WGSL, light::sky_visibility::WGSL] structs [SkyLightValues::LAYOUT, ViewFrame::LAYOUT];
     "view/tone_map" constants [view_twins::tone_map::WGSL] structs [];
+    "view/light_shafts" constants [view_twins::light_shafts::WGSL, light::sun_optical_depth::WGSL] structs [ViewFrame::LAYOUT, SkyLightValues::LAYOUT];
     "view/march" constants [view_twins::march::WGSL, light::sun_optical_depth::WGSL, light::march_phase::WGSL] structs [ViewFrame::LAYOUT, SkyLightValues::LAYOUT, MARCH_PHASE];
 }

@@ -377,7 +377,7 @@ impl GpuView {
             )?,
             shadow: fit(context, &mut buffers.shadow, "the shadow map", grid.shadow_bytes())?,
         };
-        let march = SunMarch::new(look.table_beam, look.detail.is_some());
+        let march = SunMarch::new(&look);
         self.stages.sun_optical_depth(
             grid,
             &cloud.uniform,
@@ -512,7 +512,11 @@ impl ViewFrame {
             moon_sky: moon_sky.is_some() as u32,
             stars: look.stars.is_some() as u32,
             secondary_steps: look.secondary_steps(),
+            shaft_samples: if cloud { look.shaft_samples } else { 0 },
             depth_scale,
+            step_depth: look.steps.0,
+            segments: look.steps.1,
+            ..Default::default()
         }
     }
 }

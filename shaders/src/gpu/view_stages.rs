@@ -13,10 +13,10 @@ use crate::cpu::light::sky_light::SkyLight;
 use crate::cpu::light::sky_table::{SKY_COLUMNS, SKY_HALF_ROWS, SkySource, horizon_sine};
 use crate::cpu::light::sky_visibility::slanted_path;
 use crate::cpu::light::stars::STAR_WORDS;
-use crate::cpu::light::sun_optical_depth::marched_direction;
+use crate::cpu::light::sun_optical_depth::{marched_direction, margin_m};
 use crate::cpu::light::transmittance_table::{TRANSMITTANCE_DIRECTIONS, TRANSMITTANCE_HEIGHTS};
 use crate::cpu::view::detail_noise::TILE_POINTS;
-use crate::view::{Ground, Slab};
+use crate::view::{Ground, Look, Slab};
 use crate::wgsl::{Layout, Member};
 
 crate::constants! {
@@ -185,12 +185,12 @@ crate::gpu_struct! {
         pub direction: [f32; 4],
         /// Whether detail carves the cloud.
         pub carved: u32,
+        /// Points farther than this from cloud are left empty, m.
+        pub margin_m: f32,
         /// Fills 16 bytes.
         pub unused_0: u32,
         /// Fills 16 bytes.
         pub unused_1: u32,
-        /// Fills 16 bytes.
-        pub unused_2: u32,
     }
 }
 
@@ -283,6 +283,14 @@ crate::gpu_struct! {
         pub secondary_steps: u32,
         /// Factor on optical depths towards the sun.
         pub depth_scale: f32,
+        /// Samples of the clouds' shadows in the air; 0 where they are not wanted.
+        pub shaft_samples: u32,
+        /// Optical depth of a step; 0 where it does not go by that.
+        pub step_depth: f32,
+        /// Logarithmic segments; 0 where it does not go by them.
+        pub segments: u32,
+        /// Fills 16 bytes.
+        pub unused_0: u32,
     }
 }
 
@@ -355,12 +363,17 @@ fn padded([x, y, z]: [f32; 3]) -> [f32; 4] {
 }
 
 impl SunMarch {
-    /// For a sun.
-    pub fn new(sun: [f32; 3], carved: bool) -> SunMarch {
+    /// For a picture's beam.
+    pub fn new(look: &Look) -> SunMarch {
+        SunMarch::along(look.table_beam, look.detail.is_some(), look.lit_everywhere())
+    }
+    /// Towards a sun, with or without detail, near cloud or everywhere.
+    pub fn along(sun: [f32; 3], carved: bool, everywhere: bool) -> SunMarch {
         let [x, y, z] = marched_direction(sun);
         SunMarch {
             direction: [x, y, z, 0.0],
             carved: carved as u32,
+            margin_m: margin_m(everywhere),
             ..Default::default()
         }
     }

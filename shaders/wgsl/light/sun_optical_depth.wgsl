@@ -70,7 +70,7 @@ fn points(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let p = point_m(id.x, id.y, shape.bottom_m + (f32(id.z) + 0.5) * shape.point_spacing_z_m);
     var word = 0u;
-    if (empty_distance_m(p) < SUN_LIGHT_MARGIN_M) {
+    if (empty_distance_m(p) < sun.margin_m) {
         let depth = u32(min(optical_depth(p) / DEPTH_UNIT, 65535.0));
         let share = vec2<u32>(clamp(visibility(id.x, id.y, id.z), vec2<f32>(0.0), vec2<f32>(1.0)) * 255.0 + 0.5);
         word = depth | (share.x << 16u) | (share.y << 24u);

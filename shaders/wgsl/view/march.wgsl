@@ -8,6 +8,7 @@
 //! use shared/moon
 //! use view/haze
 //! use view/ground
+//! use view/light_shafts
 //! use view/tone_map
 // Stage `march`: a ray of view an invocation, through sky, cloud and to the ground. The twin is cpu/view/march.rs, which
 // marches sixteen rays abreast; what a ray does there depends on that ray alone, so both take the same samples.
@@ -53,14 +54,14 @@ fn roots(rise: f32, curve: f32, gap: f32) -> vec3<f32> {
     return vec3<f32>(under, min(a, b), max(a, b));
 }
 
-/// First and last distance at which a ray is between the cloud's heights; in between it may leave them for a while.
-fn slab(from_m: f32, rise: f32, curve: f32) -> vec2<f32> {
+/// First and last distance at which a ray is between a height and the cloud's top; in between it may leave them for a while.
+fn slab(from_m: f32, rise: f32, curve: f32, bottom_m: f32) -> vec2<f32> {
     let top = roots(rise, curve, from_m - shape.top_m);
-    let bottom = roots(rise, curve, from_m - shape.bottom_m);
+    let bottom = roots(rise, curve, from_m - bottom_m);
     if (from_m > shape.top_m) {
         return vec2<f32>(select(NEVER, top.y, top.x > 0.0 && top.y > 0.0), select(0.0, top.z, top.x > 0.0));
     }
-    if (from_m < shape.bottom_m) {
+    if (from_m < bottom_m) {
         return vec2<f32>(select(0.0, max(bottom.z, 0.0), bottom.x > 0.0), top.z);
     }
     return vec2<f32>(0.0, top.z);
@@ -122,7 +123,7 @@ fn secondary_march(p: vec3<f32>, t: f32) -> f32 {
 fn march(d: vec3<f32>, curve: f32, ground_at: f32, turn: f32, pattern: f32) -> Met {
     var met = Met(vec3<f32>(0.0), 1.0, 0.0);
     let o = frame.position_m.xyz;
-    let reach = slab(o.z, d.z, curve);
+    let reach = slab(o.z, d.z, curve, shape.bottom_m);
     let end = min(min(reach.y, ground_at), DRAW_DISTANCE_M);
     if (reach.x >= end) {
         return met;
@@ -146,6 +147,9 @@ fn march(d: vec3<f32>, curve: f32, ground_at: f32, turn: f32, pattern: f32) -> M
     var from_ground = 0.0;
     var distance = 0.0;
     var weights = 0.0;
+    // Logarithmic segments: where cloud was met first, and by which share of the way from there they grow.
+    var met_at = NEVER;
+    var growth = 0.0;
     var t = reach.x + pattern * step_m(reach.x);
     for (var n = 0u; n < MARCH_STEPS_MAX; n++) {
         if (t >= end || through <= MARCH_THROUGH_END) {
@@ -153,12 +157,21 @@ fn march(d: vec3<f32>, curve: f32, ground_at: f32, turn: f32, pattern: f32) -> M
         }
         let p = vec3<f32>(d.xy * t + o.xy, t * (d.z + curve * t) + o.z);
         let empty = empty_distance_m(p);
-        let step = step_m(t);
+        var step = step_m(t);
         if (empty > 0.0) {
             t += max(step, empty);
             continue;
         }
         let thick = extinction(p, t, t < NEAR_DETAIL_M);
+        if (frame.segments > 0u) {
+            if (t < met_at) {
+                growth = pow((end - t) / SEGMENT_UNIT_M + 1.0, 1.0 / f32(frame.segments)) - 1.0;
+                met_at = t;
+            }
+            step = max((t - met_at + SEGMENT_UNIT_M) * growth, 1.0);
+        } else if (frame.step_depth > 0.0 && thick > 0.0) {
+            step = min(max(frame.step_depth / max(thick, 1e-9), DEPTH_STEP_LEAST_M), step * DEPTH_STEP_LONGER);
+        }
         if (thick > 0.0) {
             var depth = 0.0;
             // Finer steps matter while the ray is near and not yet dimmed; both fade.
@@ -282,6 +295,9 @@ fn draw(pixel: vec2<f32>) -> vec3<f32> {
             }
             let covered = (1.0 - met.through) * added + met.light * passed + seen * met.through;
             seen = mix(seen, covered, 1.0 - far);
+        }
+        if (frame.shaft_samples > 0u) {
+            seen = max(seen - shafts_taken(d, curve, end, turn, pattern, met.distance_m, met.through), vec3<f32>(0.0));
         }
     }
     let received = luminance_of(light.sun_at_ground.rgb) * max(frame.beam_direction.z, 0.0)

@@ -153,7 +153,7 @@ fn scattering_name((scattering, octaves): (Scattering, u32)) -> String {
     }
 }
 
-fn occlusion_name(occlusion: SunOcclusion) -> String {
+pub(super) fn occlusion_name(occlusion: SunOcclusion) -> String {
     match occlusion {
         SunOcclusion::LightGrid => "light_grid".to_owned(),
         SunOcclusion::SecondaryMarch { steps } => format!("secondary_march {steps}"),
@@ -181,7 +181,7 @@ fn contenders(base: &ViewSettings) -> Vec<(&'static str, String, ViewSettings)> 
     scatterings.into_iter().chain(occlusions).collect()
 }
 
-fn occluded(base: &ViewSettings, sun_occlusion: SunOcclusion) -> ViewSettings {
+pub(super) fn occluded(base: &ViewSettings, sun_occlusion: SunOcclusion) -> ViewSettings {
     let lighting = Lighting {
         sun_occlusion,
         ..base.lighting
@@ -286,6 +286,7 @@ fn measure(context: &LightContext, picture: &Picture, paths: u32) -> Result<Ligh
     };
     let exact = occluded(settings, SunOcclusion::SecondaryMarch { steps: EXACT_STEPS });
     let exact = radiance(Some(volume), &exact, &mut prepared);
+    let timed = if context.quick { [160, 90] } else { [320, 180] };
     let mut rows = Vec::new();
     let mut pictures = vec![truth_picture.clone()];
     for (ladder, rung, settings) in contenders(settings) {
@@ -294,7 +295,12 @@ fn measure(context: &LightContext, picture: &Picture, paths: u32) -> Result<Ligh
         }
         let ours = radiance(Some(volume), &settings, &mut prepared);
         let bytes = developed(Some(volume), &settings, &mut prepared, &ours);
-        let (march_ms, sun_ms) = times(volume, &settings, &mut prepared, context.quick);
+        let timed = ViewSettings {
+            width: timed[0],
+            height: timed[1],
+            ..settings
+        };
+        let (march_ms, sun_ms) = times(volume, &timed, &mut prepared);
         let from_truth = apart(&ours, &mut truth.iter().flatten().copied());
         let from_exact = apart(&ours, &mut exact.iter().flatten().map(|v| f64::from(*v)));
         rows.push(LightRow {
@@ -332,16 +338,10 @@ fn measure(context: &LightContext, picture: &Picture, paths: u32) -> Result<Ligh
     })
 }
 
-/// Milliseconds of the march, the lesser of two, and of what it needs once a tick; for a picture of 320 x 180 pixels, or half as wide and high.
-fn times(volume: &CloudVolume, settings: &ViewSettings, prepared: &mut Prepared, quick: bool) -> (f64, f64) {
-    let [width, height] = if quick { [160, 90] } else { [320, 180] };
-    let settings = ViewSettings {
-        width,
-        height,
-        ..*settings
-    };
+/// Milliseconds of a picture's march, the lesser of two, and of what it needs once a tick.
+pub(super) fn times(volume: &CloudVolume, settings: &ViewSettings, prepared: &mut Prepared) -> (f64, f64) {
     // The sun a degree away has everything made anew.
-    let mut away = settings;
+    let mut away = *settings;
     away.sun_direction[1] += 0.02;
     [away.width, away.height] = [8, 8];
     render_watched(Some(volume), &away, prepared, &mut |_| {});
@@ -349,7 +349,7 @@ fn times(volume: &CloudVolume, settings: &ViewSettings, prepared: &mut Prepared,
     let (mut march, mut sun) = (f64::INFINITY, 0.0);
     for _ in 0..2 {
         let mut last = Instant::now();
-        render_watched(Some(volume), &settings, prepared, &mut |stage| {
+        render_watched(Some(volume), settings, prepared, &mut |stage| {
             let ms = last.elapsed().as_secs_f64() * 1e3;
             last = Instant::now();
             match stage {

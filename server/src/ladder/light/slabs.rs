@@ -155,6 +155,8 @@ impl Night {
             haze_on_cloud: false,
             cloud: Some(cloud),
             ground: Ground::Land,
+            shaft_samples: 0,
+            steps: (0.0, 0),
             shadow: false,
             noise: &self.noise,
             detail: None,
@@ -182,7 +184,7 @@ pub(super) fn all(ways: &[(Scattering, u32)]) -> Vec<SlabRow> {
         let seen = sky_visibility(&shape.slab_per_m, [nx, ny], volume.grid.cell_size_m);
         for ([asymmetry, sun_cosine], published) in COLUMNS.iter().zip(published) {
             let sun = sun_of(*sun_cosine);
-            let sun_light = SunLight::new(&shape, &seen, false, sun);
+            let sun_light = SunLight::new(&shape, &seen, false, false, sun);
             let straight = (-depth / sun_cosine).exp();
             let shares = ways.iter().map(|way| {
                 let phase = MarchPhase::new(one_lobe(*asymmetry), way.0);

@@ -30,7 +30,7 @@ crate::constants! {
     /// Scale height of aerosol, m.
     pub const AEROSOL_HEIGHT_M: f32 = 1_200.0;
     /// Share of aerosol extinction that is scattering.
-    const AEROSOL_ALBEDO: f32 = 0.92;
+    pub(crate) const AEROSOL_ALBEDO: f32 = 0.92;
     /// Asymmetry of aerosol scattering.
     pub const AEROSOL_ASYMMETRY: f32 = 0.76;
 }

@@ -7,6 +7,7 @@ pub mod analytic_sky;
 pub mod atmosphere;
 pub mod diffusion;
 pub mod hosek_wilkie;
+pub mod ice;
 pub mod march_phase;
 pub mod mie;
 pub mod moon;

@@ -1,6 +1,6 @@
 //! Stage `sun_optical_depth`: how much cloud lies between a place and the sun.
 //!
-//! Reads: [`Shape`], the sky's visibility at cell centres, the sun's direction. Writes: [`SunLight`]: at every point of the shape near cloud,
+//! Reads: [`Shape`], the sky's visibility at cell centres, the sun's direction. Writes: [`SunLight`]: at every point of the shape near cloud (everywhere, for light shafts),
 //! packed in 32 bits, the optical depth towards the sun (16 bits, steps of 0.001, up to 65) and the two visibilities (8 bits
 //! each); and a map of the optical depth seen from the clouds' lowest level, `[y][x]` as the shape's points, for shadows on
 //! the ground. Scheme: a march from each point, steps of 30 m growing with distance, midpoint rule, empty space skipped, to
@@ -17,8 +17,6 @@ crate::constants! {
     pub const DEPTH_UNIT: f32 = 0.001;
     /// Sine of the lowest elevation that is marched to, 1.5 degrees.
     pub const SUN_MARCHED_SINE_LEAST: f32 = 0.026;
-    /// Points farther than this from cloud, m, are left empty.
-    const SUN_LIGHT_MARGIN_M: f32 = 130.0;
     /// No march goes farther, m.
     pub(crate) const SUN_MARCH_REACH_M: f32 = 12_000.0;
     /// Length of the first step, m.
@@ -30,6 +28,9 @@ crate::constants! {
     /// Optical depth at which a march ends: nothing more is to be learnt.
     pub(crate) const SUN_MARCH_DEEP: f32 = 60.0;
 }
+
+/// Where light is wanted in cloud alone, points farther than this from it are left empty, m.
+const SUN_LIGHT_MARGIN_M: f32 = 130.0;
 
 /// See the module.
 #[derive(Clone, Debug)]
@@ -55,16 +56,28 @@ pub fn marched_direction(sun_direction: [f32; 3]) -> [f32; 3] {
     [x * scale, y * scale, z]
 }
 
+/// Points farther than this from cloud are left empty, m.
+pub(crate) fn margin_m(everywhere: bool) -> f32 {
+    if everywhere { f32::MAX } else { SUN_LIGHT_MARGIN_M }
+}
+
 impl SunLight {
-    /// Marches from every point.
-    pub fn new(shape: &Shape, visibility: &[Vec<f32>; 2], carved: bool, sun_direction: [f32; 3]) -> SunLight {
+    /// Marches from every point near cloud, or from all of the slab's points, for who looks at the air between the clouds.
+    pub fn new(
+        shape: &Shape,
+        visibility: &[Vec<f32>; 2],
+        carved: bool,
+        everywhere: bool,
+        sun_direction: [f32; 3],
+    ) -> SunLight {
         let sun = marched_direction(sun_direction);
+        let margin_m = margin_m(everywhere);
         let level_len = shape.stride[0] * shape.stride[1];
         let mut words = vec![0u32; shape.words.len()];
         words.par_chunks_mut(level_len).enumerate().for_each(|(k, level)| {
             let up = shape.smoothed_level(&visibility[0], k);
             let down = shape.smoothed_level(&visibility[1], k);
-            fill_level(shape, carved, &sun, k, &up, &down, level);
+            fill_level(shape, carved, margin_m, &sun, k, &up, &down, level);
         });
         let mut shadow = vec![0.0f32; level_len];
         shadow
@@ -85,14 +98,23 @@ impl SunLight {
     "x86_64+avx2+fma",
     "aarch64+neon"
 ))]
-fn fill_level(shape: &Shape, carved: bool, sun: &[f32; 3], k: usize, up: &[f32], down: &[f32], level: &mut [u32]) {
+fn fill_level(
+    shape: &Shape,
+    carved: bool,
+    margin_m: f32,
+    sun: &[f32; 3],
+    k: usize,
+    up: &[f32],
+    down: &[f32],
+    level: &mut [u32],
+) {
     let width = shape.stride[0];
     let z = Lanes::splat(shape.bottom_m + (k as f32 + 0.5) * shape.point_spacing_m[2]);
     for (n, row) in level.chunks_mut(width).enumerate() {
         let y = Lanes::splat((n as f32 - 0.5) * shape.point_spacing_m[1]);
         for first in (0..width).step_by(LANES) {
             let x = Lanes::from_fn(|l| ((first + l) as f32 - 0.5) * shape.point_spacing_m[0]);
-            let near = Lanes::splat(SUN_LIGHT_MARGIN_M) - shape.empty_distance_m(x, y, z);
+            let near = Lanes::splat(margin_m) - shape.empty_distance_m(x, y, z);
             if !near.any_above(0.0) {
                 continue;
             }

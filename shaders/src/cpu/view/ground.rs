@@ -21,7 +21,7 @@ crate::constants! {
     const SEA_MIRROR_LEAST: f32 = 0.02;
     const SEA_MIRROR_GRAZING: f32 = 0.43;
     /// Share of the diffuse light under cloud that comes down in the shadow.
-    const GROUND_DIFFUSE_SHARE: f32 = 0.45;
+    pub(crate) const GROUND_DIFFUSE_SHARE: f32 = 0.45;
     /// Share of the sky's light that clouds can take.
     const GROUND_SKY_COVERED: f32 = 0.2;
     /// Edges of the tiles of patches, m, and the levels of the noise that they show.
@@ -148,8 +148,9 @@ pub(crate) fn albedo(ground: Ground, noise: &DetailNoise, x: Lanes, y: Lanes, di
     albedo
 }
 
+/// Optical depth towards the beam from the shape's lowest level, at a place there in m.
 #[inline(always)]
-fn shadow_depth(shape: &Shape, sun_light: &SunLight, x: Lanes, y: Lanes) -> Lanes {
+pub(crate) fn shadow_depth(shape: &Shape, sun_light: &SunLight, x: Lanes, y: Lanes) -> Lanes {
     let (index, f) = shape.place(x, y, Lanes::splat(shape.bottom_m));
     let row = shape.stride[0] as u32;
     let map = &sun_light.shadow;

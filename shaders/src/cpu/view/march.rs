@@ -2,12 +2,13 @@
 //!
 //! Reads: [`Frame`]. Writes: rows of RGB bytes. Scheme: a packet is 4 x 4 pixels. Each ray is cut to the slab that holds cloud (the Earth curves
 //! away by d^2 / 2R), leaps over empty space by [`Shape::empty_distance_m`], and in cloud takes steps of 15 m growing with
-//! distance; a step's light is integrated in closed form (Hillaire 2015). Its source is sunlight that passed the cloud (the stored
+//! distance (or of the same optical depth, or logarithmic: [`crate::view::ViewSteps`]); a step's light is integrated in closed form (Hillaire 2015). Its source is sunlight that passed the cloud (the stored
 //! optical depth, and two finer steps with the detail noise while the ray is near and little dimmed), scattered once by the droplets' phase function and further by
 //! octaves (Wrenninge et al. 2013: each with half the extinction, a share of the light, a rounder phase), and the diffuse
 //! light of sky and ground. In place of the stored depth there may be a march from each sample or a map of the sun's rays, in place of the octaves
 //! multiple forward scattering or diffused light: [`crate::view::Lighting`]. Octaves don't keep energy: they give thin cloud light that it does not get (their
-//! weights sum to more than 1) and thick cloud less than it has; the others never give more than comes in (`welkin ladder light` prints both). A ray ends below 1 % transmittance. The air between is put in once, at the mean distance of the light.
+//! weights sum to more than 1) and thick cloud less than it has; the others never give more than comes in (`welkin ladder light` prints both). A ray ends below 1 % transmittance. The air between is put in once, at the mean distance of the light; the clouds' shadows in it
+//! are stage `light_shafts`.
 //!
 //! Floor of the cost: a sample gathers 8 words of shape, 4 to 8 of noise, 8 of light, and with two finer steps 24 more: about 45
 //! gathers of 16 lanes at 20 cycles and 900 vector operations at 2 a cycle, 1400 cycles a packet; a 640x360 picture is 14,400 packets
@@ -20,8 +21,9 @@ use super::detail_noise::DetailNoise;
 use super::ground::Ground;
 use super::haze::Haze;
 use super::lanes::{LANES, Lanes};
+use super::light_shafts::ShaftRay;
 use super::shape::{CARVE_EDGE, Shape, trilinear};
-use super::{ground, tone_map};
+use super::{ground, light_shafts, tone_map};
 use crate::cpu::light::atmosphere::EARTH_RADIUS_M;
 use crate::cpu::light::diffusion::Diffuse;
 use crate::cpu::light::march_phase::MarchPhase;
@@ -72,6 +74,11 @@ crate::constants! {
     const MARCH_STEP_GROWTH: f32 = 0.0055;
     const MARCH_STEP_LEAST_M: f32 = 15.0;
     const MARCH_STEP_MOST_M: f32 = 200.0;
+    /// Steps by optical depth are no shorter than this, m, and no longer than so many of those by distance.
+    const DEPTH_STEP_LEAST_M: f32 = 4.0;
+    const DEPTH_STEP_LONGER: f32 = 4.0;
+    /// Length that logarithmic segments grow from, m.
+    const SEGMENT_UNIT_M: f32 = 50.0;
     /// Steps at most.
     const MARCH_STEPS_MAX: u32 = 600;
     /// Transmittance at which a ray ends.
@@ -145,6 +152,10 @@ pub struct Frame<'a> {
     pub ground: Ground,
     /// Whether the ground shows the clouds' shadow.
     pub shadow: bool,
+    /// Where rays look into cloud, as [`crate::view::Look::steps`].
+    pub steps: (f32, u32),
+    /// Samples of the shadows in the air along a ray; 0 where they are not wanted.
+    pub shaft_samples: u32,
     /// Noise tile.
     pub noise: &'a DetailNoise,
     /// Detail, if wanted.
@@ -341,6 +352,29 @@ fn packet(frame: &Frame<'_>, px: Lanes, py: Lanes) -> ([Lanes; 3], Lanes) {
                 light[c] = light[c].lerp(covered, kept);
             }
         }
+        if frame.shaft_samples > 0 {
+            let ray = ShaftRay {
+                rise: d[2],
+                curve,
+                end_m: end,
+                turn,
+                pattern,
+                cloud_m: cloud.distance_m,
+                through: cloud.through,
+            };
+            let taken = light_shafts::taken(
+                frame.shaft_samples,
+                (&frame.haze, frame.light),
+                beam,
+                (shape, sun_light),
+                frame.position_m,
+                &d,
+                &ray,
+            );
+            for c in 0..3 {
+                light[c] = (light[c] - taken[c]).max(zero);
+            }
+        }
     }
     (light, pattern)
 }
@@ -401,6 +435,9 @@ fn march(
     let (mut once_base, mut once_rise) = (zero, zero);
     let (mut sun_base, mut sun_rise, mut from_sky, mut from_ground) = (zero, zero, zero, zero);
     let (mut distance, mut weights) = (zero, zero);
+    let (depth_of_step, segments) = frame.steps;
+    // Logarithmic segments: where cloud was met first, and by which share of the way from there they grow.
+    let (mut met_at, mut growth) = (Lanes::splat(f32::MAX), zero);
     let mut t = first + pattern * step_m(first);
     for _ in 0..MARCH_STEPS_MAX {
         let alive = Lanes::select_less(
@@ -414,11 +451,23 @@ fn march(
         }
         let p = [d[0] * t + ox, d[1] * t + oy, t * (d[2] + curve * t) + oz];
         let empty = shape.empty_distance_m(p[0], p[1], p[2]);
-        let step = step_m(t);
+        let mut step = step_m(t);
         let here = Lanes::select_less(zero, empty, zero, alive);
         if here.any_above(0.0) {
             let close = Lanes::select_less(zero, here, t, Lanes::splat(f32::MAX)).smallest();
             let extinction = extinction(frame, shape, &p, t, close) * here;
+            if segments > 0 {
+                let whole = ((end - t).max(zero) * (1.0 / SEGMENT_UNIT_M) + 1.0).powf(1.0 / segments as f32) - 1.0;
+                let new = Lanes::select_less(t, met_at, here, zero);
+                growth = Lanes::select_less(zero, new, whole, growth);
+                met_at = Lanes::select_less(zero, new, t, met_at);
+                let segment = (t - met_at + SEGMENT_UNIT_M) * growth;
+                step = Lanes::select_less(zero, here, segment.max(Lanes::splat(1.0)), step);
+            } else if depth_of_step > 0.0 {
+                let even = Lanes::splat(depth_of_step) / extinction.max(Lanes::splat(1e-9));
+                let bounded = even.max(Lanes::splat(DEPTH_STEP_LEAST_M)).min(step * DEPTH_STEP_LONGER);
+                step = Lanes::select_less(zero, extinction, bounded, step);
+            }
             if extinction.any_above(0.0) {
                 let mut depth = zero;
                 let mut at = p;
@@ -516,7 +565,7 @@ fn step_m(t: Lanes) -> Lanes {
 
 /// First and last distance at which a ray is between two heights; heights in between may be left for a while.
 #[inline(always)]
-fn slab(from_m: f32, rise: Lanes, curve: Lanes, bottom_m: f32, top_m: f32) -> (Lanes, Lanes) {
+pub(crate) fn slab(from_m: f32, rise: Lanes, curve: Lanes, bottom_m: f32, top_m: f32) -> (Lanes, Lanes) {
     let zero = Lanes::splat(0.0);
     let never = Lanes::splat(f32::MAX);
     let (top_real, top_first, top_last) = roots(rise, curve, from_m - top_m);

@@ -1,13 +1,14 @@
 //! Pictures on the CPU device: from a cloud volume and a camera to RGB bytes.
 //!
 //! Stages in order: `shape` with `occupancy`, `detail_noise`, the light stages of [`crate::cpu::light`], then for each packet of rays `march`
-//! with `ground`, `haze` and `tone_map`. Tables are kept in [`Prepared`] and made again only when what they depend on changes.
+//! with `ground`, `haze`, `light_shafts` and `tone_map`. Tables are kept in [`Prepared`] and made again only when what they depend on changes.
 //! The same input gives the same bytes whatever the number of threads.
 
 pub mod detail_noise;
 pub mod ground;
 pub mod haze;
 pub mod lanes;
+pub mod light_shafts;
 pub mod march;
 pub mod occupancy;
 pub mod shape;
@@ -233,7 +234,13 @@ fn prepare(
         let key = look.sun_light_key(cloud_key);
         if prepared.sun_light.as_ref().is_none_or(|(k, _)| *k != key) {
             let carved = look.detail.is_some();
-            let sun_light = SunLight::new(&cloud.shape, &cloud.visibility, carved, look.table_beam);
+            let sun_light = SunLight::new(
+                &cloud.shape,
+                &cloud.visibility,
+                carved,
+                look.lit_everywhere(),
+                look.table_beam,
+            );
             prepared.sun_light = Some((key, sun_light));
             after("sun_optical_depth");
         }
@@ -294,6 +301,8 @@ impl Prepared {
             cloud: cloud.and_then(|c| self.sun_light.as_ref().map(|(_, s)| (&c.shape, s))),
             ground: settings.ground,
             shadow: settings.cloud_shadow,
+            shaft_samples: look.shaft_samples,
+            steps: look.steps,
             noise: self.noise.as_ref()?,
             detail: look.detail,
             octaves: look.octaves,
