@@ -10,6 +10,7 @@ use welkin_shaders::cpu::view::{
     Ground, Lighting, MapKind, Prepared, Scattering, SunOcclusion, ViewSettings, path_trace, radiance, render,
 };
 use welkin_shaders::gpu::{AdapterChoice, Context, GpuError, GpuView, ViewStages};
+use welkin_shaders::view::ViewSteps;
 use welkin_shaders::{CloudVolume, Grid};
 
 /// A level slab of three cells' depth whose cells have this optical depth each.
@@ -174,6 +175,26 @@ fn lightings() -> Vec<Lighting> {
     by_scattering.into_iter().chain(by_occlusion).collect()
 }
 
+/// The view, and where clouds are lit as usual, also with steps of other lengths and with shafts.
+fn ways(view: &ViewSettings) -> Vec<ViewSettings> {
+    let mut ways = vec![*view];
+    if view.lighting == Lighting::default() {
+        let steps = [
+            ViewSteps::ByOpticalDepth { optical_depth: 0.02 },
+            ViewSteps::ByOpticalDepth { optical_depth: 4.0 },
+            ViewSteps::LogarithmicSegments { segments: 2 },
+            ViewSteps::LogarithmicSegments { segments: 512 },
+        ];
+        ways.extend(steps.map(|steps| ViewSettings { steps, ..*view }));
+        ways.extend([4, 128].map(|light_shafts| ViewSettings {
+            light_shafts,
+            visibility_m: Some(2_000.0),
+            ..*view
+        }));
+    }
+    ways
+}
+
 /// No rung makes light of more than one scattering straight ahead and the octaves' sum of weights.
 #[test]
 fn every_rung_on_hard_clouds_and_suns() {
@@ -192,13 +213,15 @@ fn every_rung_on_hard_clouds_and_suns() {
                         lighting,
                         ..small()
                     };
-                    let marched = radiance(Some(&cloud), &view, &mut prepared);
                     // Where the sun is in the zenith the camera may see it scattered straight ahead.
                     let bound = if elevation < 90.0 { 2.0 } else { 20_000.0 };
-                    assert!(
-                        marched.iter().flatten().all(|v| (0.0..bound).contains(v)),
-                        "depth {optical_depth}, {lighting:?}, sun at {elevation}, from {height_m} m: {marched:?}"
-                    );
+                    for view in ways(&view) {
+                        let marched = radiance(Some(&cloud), &view, &mut prepared);
+                        assert!(
+                            marched.iter().flatten().all(|v| (0.0..bound).contains(v)),
+                            "depth {optical_depth}, {view:?}: {marched:?}"
+                        );
+                    }
                 }
             }
         }
@@ -256,11 +279,13 @@ fn rays_along_axes() {
             if lighting == Lighting::default() {
                 judge(&mut prepared, &what, &cloud, &view, 1.0);
             }
-            let marched = radiance(Some(&cloud), &view, &mut prepared);
-            assert!(
-                marched.iter().flatten().all(|v| (0.0..2.0).contains(v)),
-                "{what}: {marched:?}"
-            );
+            for view in ways(&view) {
+                let marched = radiance(Some(&cloud), &view, &mut prepared);
+                assert!(
+                    marched.iter().flatten().all(|v| (0.0..2.0).contains(v)),
+                    "{view:?}: {marched:?}"
+                );
+            }
         }
     }
 }
@@ -287,11 +312,13 @@ fn threads_change_no_bit_of_light() {
             lighting,
             ..settings(24, 16)
         };
-        let [alone, many] = [1, 3].map(|threads| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| radiance(Some(&cloud), &view, &mut Prepared::new()))
-        });
-        assert!(alone == many, "{lighting:?}");
+        for view in ways(&view) {
+            let [alone, many] = [1, 3].map(|threads| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                pool.install(|| radiance(Some(&cloud), &view, &mut Prepared::new()))
+            });
+            assert!(alone == many, "{view:?}");
+        }
     }
 }
 
@@ -315,23 +342,22 @@ fn a_gpu_draws_hard_cases_as_the_cpu_does() {
                     lighting,
                     ..small()
                 };
-                let drawn = gpu.render(Some(&cloud), &view, &mut |_| {});
-                if lighting.needs_cpu() {
-                    assert!(matches!(drawn, Err(GpuError::NoShader { .. })), "{lighting:?}");
-                    continue;
+                for view in ways(&view) {
+                    let drawn = gpu.render(Some(&cloud), &view, &mut |_| {});
+                    if lighting.needs_cpu() {
+                        assert!(matches!(drawn, Err(GpuError::NoShader { .. })), "{lighting:?}");
+                        continue;
+                    }
+                    let wanted = render(Some(&cloud), &view, &mut prepared);
+                    let far = drawn
+                        .unwrap()
+                        .iter()
+                        .zip(&wanted)
+                        .filter(|(a, b)| a.abs_diff(**b) > 3)
+                        .count();
+                    // A ray at the sun's edge or on a cell's border may differ: one pixel of fifteen.
+                    assert!(far <= 3, "depth {optical_depth}, {view:?}: {far} values");
                 }
-                let wanted = render(Some(&cloud), &view, &mut prepared);
-                let far = drawn
-                    .unwrap()
-                    .iter()
-                    .zip(&wanted)
-                    .filter(|(a, b)| a.abs_diff(**b) > 3)
-                    .count();
-                // A ray at the sun's edge or on a cell's border may differ: one pixel of fifteen.
-                assert!(
-                    far <= 3,
-                    "depth {optical_depth}, {lighting:?}, sun at {elevation}: {far} values"
-                );
             }
         }
     }
