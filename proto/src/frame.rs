@@ -18,6 +18,17 @@ pub enum FrameFormat {
     Webp,
 }
 
+/// How a picture's layers are coded.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum LayerFormat {
+    /// PNG.
+    #[default]
+    Png,
+    /// Little-endian 32-bit floats.
+    F32,
+}
+
 /// How much a picture may cost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]

@@ -59,7 +59,7 @@ pub enum Accuracy {
     /// Flux form and the direct pressure solver: heat and water are conserved to rounding, the mass flux is free of divergence.
     #[default]
     Balanced,
-    /// As `balanced`, in substeps half as long.
+    /// As `balanced`, in substeps half as long; every pixel of live pictures is marched.
     Reference,
 }
 
@@ -81,6 +81,25 @@ pub struct Methods {
     pub view_steps: Option<ViewSteps>,
     /// How droplets turn light; those of 18 micrometres by the fit unless named. Needs the effect `moisture`.
     pub phase: Option<Phase>,
+    /// How many pixels of a stream's live pictures are marched through cloud; the accuracy's choice unless named. Single and still pictures have them all. Needs
+    /// the effect `moisture`.
+    pub view_sampling: Option<ViewSampling>,
+}
+
+/// See [`Methods::view_sampling`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ViewSampling {
+    /// One in sixteen, the others from the viewer's last picture; on the CPU alone. Single pictures have them all.
+    #[serde(rename = "reproject_16")]
+    Reproject16,
+    /// One in four, the others from the viewer's last picture; on the CPU alone. Single pictures have them all.
+    #[serde(rename = "reproject_4")]
+    Reproject4,
+    /// One in four, and those between which they disagree, as at edges.
+    HalfResolution,
+    /// All.
+    EveryPixel,
 }
 
 /// See [`Methods::scattering`].

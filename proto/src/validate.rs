@@ -379,6 +379,12 @@ fn methods(methods: &Methods, effects: &Effects) -> Result<(), ApiError> {
             range("/methods/view_steps/segments", f64::from(segments), 2.0, 512.0)?;
         }
     }
+    needs(
+        "/methods/view_sampling",
+        methods.view_sampling.is_some(),
+        moisture,
+        "moisture",
+    )?;
     match methods.sun_occlusion {
         None | Some(SunOcclusion::LightGrid {}) => {}
         Some(SunOcclusion::SecondaryMarch { steps }) => {

@@ -397,7 +397,9 @@ fn frames(
             format: FrameFormat::Jpeg,
             camera,
             still: false,
+            whole: false,
             past: None,
+            layers: None,
         };
         let ticket = renderer.request(Viewer::SNAPSHOTS, view, request, 1)?;
         let frame = ticket

@@ -146,5 +146,6 @@ pub fn settings(width: usize, height: usize) -> ViewSettings {
         moon: None,
         stars: None,
         sky: Default::default(),
+        sampling: Default::default(),
     }
 }

@@ -35,6 +35,9 @@ pub struct Limits {
     /// Highest frame, pixels.
     #[arg(long = "max-height", value_name = "PIXELS", default_value_t = 2160)]
     pub height_max: u32,
+    /// Most pixels of a picture whose objects' distances are posted; each costs 28 bytes while it is drawn.
+    #[arg(long = "max-object-pixels", value_name = "N", default_value_t = 1920 * 1080)]
+    pub object_pixels_max: usize,
     /// Most frames a wall second on one stream.
     #[arg(long = "max-fps", value_name = "N", default_value_t = 60.0)]
     pub frames_per_s_max: f64,

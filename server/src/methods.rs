@@ -1,6 +1,8 @@
 //! Which rung of each ladder a scene gets, and why.
 
-use welkin_proto::scene::{Accuracy, Advection, Phase, Pressure, Scattering, Sky, SunOcclusion, ViewSteps};
+use welkin_proto::scene::{
+    Accuracy, Advection, Phase, Pressure, Scattering, Sky, SunOcclusion, ViewSampling, ViewSteps,
+};
 use welkin_proto::{ApiError, Scene};
 use welkin_shaders::catalogue::{Ladder, Rung};
 use welkin_shaders::cpu::light::phase_table::PhaseChoice;
@@ -143,6 +145,30 @@ fn phase_of(phase: &Phase) -> (Rung, PhaseChoice) {
     }
 }
 
+/// How many pixels of a scene's live pictures are marched, as a rung, to the view, and why.
+fn view_sampling_of(scene: &Scene) -> (Rung, view::ViewSampling, String) {
+    let (named, why) = match scene.methods.view_sampling {
+        Some(named) => (named, "the scene names it".to_owned()),
+        // What half resolution loses is below what an eye sees (`welkin ladder view`); the reference has no such loss to be asked about.
+        None if scene.accuracy == Accuracy::Reference => (ViewSampling::EveryPixel, "accuracy reference".to_owned()),
+        None => (
+            ViewSampling::HalfResolution,
+            format!("accuracy {}", meaning(scene.accuracy).0),
+        ),
+    };
+    match named {
+        ViewSampling::Reproject16 => (Rung::Reproject16, view::ViewSampling::Reproject16, why),
+        ViewSampling::Reproject4 => (Rung::Reproject4, view::ViewSampling::Reproject4, why),
+        ViewSampling::HalfResolution => (Rung::HalfResolution, view::ViewSampling::HalfResolution, why),
+        ViewSampling::EveryPixel => (Rung::EveryPixel, view::ViewSampling::EveryPixel, why),
+    }
+}
+
+/// How many pixels of a scene's live pictures are marched.
+pub fn view_sampling(scene: &Scene) -> view::ViewSampling {
+    view_sampling_of(scene).1
+}
+
 /// How a scene's pictures light clouds.
 pub fn lighting(scene: &Scene) -> Lighting {
     let methods = &scene.methods;
@@ -272,6 +298,8 @@ pub fn choose(scene: &Scene) -> Result<Chosen, ApiError> {
     choices.push(Choice { rung, why });
     if scene.effects.moisture.is_some() {
         choices.extend(light_choices(scene));
+        let (rung, _, why) = view_sampling_of(scene);
+        choices.push(Choice { rung, why });
     }
     debug_assert!(choices.windows(2).all(|c| order(c[0].rung) < order(c[1].rung)));
     Ok(Chosen {

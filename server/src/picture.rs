@@ -1,5 +1,6 @@
 //! From a snapshot and a camera to coded pixels.
 
+pub mod layers;
 mod supersampling;
 
 use std::sync::Arc;
@@ -12,8 +13,12 @@ use welkin_shaders::CloudVolume;
 use welkin_shaders::cpu::light::analytic_sky::SkyMethod;
 use welkin_shaders::cpu::light::path_tracer::Film;
 use welkin_shaders::cpu::view as cpu_view;
-use welkin_shaders::cpu::view::{Detail, Ground, MoonPlace, Prepared, StarPlaces, ViewSettings, render_watched};
-use welkin_shaders::gpu::GpuView;
+use welkin_shaders::cpu::view::layers::Layer;
+use welkin_shaders::cpu::view::reproject::History;
+use welkin_shaders::cpu::view::{
+    Detail, Ground, MoonPlace, Prepared, StarPlaces, ViewSampling, ViewSettings, render_live, render_watched,
+};
+use welkin_shaders::gpu::{GpuError, GpuView};
 
 use crate::machine::{Adapter, Compute, gpu_failure};
 use crate::methods;
@@ -59,33 +64,59 @@ impl Painter {
         &mut self,
         volume: Option<&CloudVolume>,
         settings: &ViewSettings,
+        history: Option<&mut History>,
         after: &mut dyn FnMut(&'static str),
     ) -> Result<Vec<u8>, ApiError> {
         match self {
-            Painter::Cpu(prepared) => Ok(render_watched(volume, settings, prepared, after)),
+            Painter::Cpu(prepared) => Ok(match history {
+                Some(history) => render_live(volume, settings, history, prepared, after),
+                None => render_watched(volume, settings, prepared, after),
+            }),
+            Painter::Gpu { adapter, view } => on_gpu(adapter, view, |view| view.render(volume, settings, after)),
+        }
+    }
+
+    fn layers(
+        &mut self,
+        volume: Option<&CloudVolume>,
+        settings: &ViewSettings,
+        objects_m: Option<&[f32]>,
+        after: &mut dyn FnMut(&'static str),
+    ) -> Result<Vec<Layer>, ApiError> {
+        match self {
+            Painter::Cpu(prepared) => Ok(cpu_view::layers(volume, settings, objects_m, prepared, after)),
             Painter::Gpu { adapter, view } => {
-                let context = adapter.context();
-                let made = match view.take() {
-                    Some(made) if Arc::ptr_eq(made.context(), &context) => Ok(made),
-                    _ => adapter.view_stages().and_then(GpuView::new).map(Box::new),
-                };
-                let painted = made.and_then(|mut made| {
-                    let rgb8 = made.render(volume, settings, after)?;
-                    *view = Some(made);
-                    Ok(rgb8)
-                });
-                painted.map_err(|error| {
-                    // A device in trouble stays so: the next picture finds it opened again.
-                    if context.check().is_err()
-                        && let Err(error) = adapter.reopen(&context)
-                    {
-                        tracing::error!(%error, "the adapter cannot be opened again");
-                    }
-                    gpu_failure(&error)
-                })
+                on_gpu(adapter, view, |view| view.layers(volume, settings, objects_m, after))
             }
         }
     }
+}
+
+/// Draws on the adapter as it is now, with what is kept for it.
+fn on_gpu<T>(
+    adapter: &Adapter,
+    view: &mut Option<Box<GpuView>>,
+    draw: impl FnOnce(&mut GpuView) -> Result<T, GpuError>,
+) -> Result<T, ApiError> {
+    let context = adapter.context();
+    let made = match view.take() {
+        Some(made) if Arc::ptr_eq(made.context(), &context) => Ok(made),
+        _ => adapter.view_stages().and_then(GpuView::new).map(Box::new),
+    };
+    let painted = made.and_then(|mut made| {
+        let drawn = draw(&mut made)?;
+        *view = Some(made);
+        Ok(drawn)
+    });
+    painted.map_err(|error| {
+        // A device in trouble stays so: the next picture finds it opened again.
+        if context.check().is_err()
+            && let Err(error) = adapter.reopen(&context)
+        {
+            tracing::error!(%error, "the adapter cannot be opened again");
+        }
+        gpu_failure(&error)
+    })
 }
 
 /// How often a stage of the view ran and how long it took in all.
@@ -126,8 +157,8 @@ impl Renderer {
         &self.stages
     }
 
-    /// Renders `size` pixels from `camera`; `still` takes four rays a pixel. Errors: `out_of_range` for a picture of no or absurdly many pixels
-    /// (callers set their own, lower limits); those of [`GpuError::code`](welkin_shaders::gpu::GpuError::code).
+    /// Renders `size` pixels from `camera`, every one of them marched; `still` takes four rays a pixel. Errors: `out_of_range` for a picture of no or absurdly many pixels
+    /// (callers set their own, lower limits); those of [`GpuError::code`].
     pub fn render(
         &mut self,
         snapshot: &Snapshot,
@@ -136,49 +167,97 @@ impl Renderer {
         size: [u32; 2],
         still: bool,
     ) -> Result<Picture, ApiError> {
-        const RAYS_MAX: u64 = 1 << 26;
-        let rays = if still { STILL_RAYS_A_SIDE } else { 1 };
-        let [width, height] = size.map(|pixels| pixels as u64 * rays as u64);
-        if width == 0 || height == 0 || width.saturating_mul(height) > RAYS_MAX {
-            return Err(ApiError::new(
-                "out_of_range",
-                format!("a picture of {width}x{height} rays is not between 1 and {RAYS_MAX}"),
-            ));
-        }
         let begin = Instant::now();
-        let settings = settings(snapshot, scene, camera, [width as usize, height as usize]);
-        let mut last = begin;
-        let stages = &mut self.stages;
+        let rays = rays(size, if still { STILL_RAYS_A_SIDE } else { 1 })?;
+        let settings = ViewSettings {
+            sampling: ViewSampling::EveryPixel,
+            ..settings(snapshot, scene, camera, rays)
+        };
+        let volume = snapshot.volume.as_deref();
         let rgb8 = self
             .painter
-            .paint(snapshot.volume.as_deref(), &settings, &mut |stage| {
-                let now = Instant::now();
-                let ms = (now - last).as_secs_f64() * 1e3;
-                last = now;
-                match stages.iter_mut().find(|s| s.stage == stage) {
-                    Some(time) => {
-                        time.runs += 1;
-                        time.total_ms += ms;
-                    }
-                    None => stages.push(StageTime {
-                        stage,
-                        runs: 1,
-                        total_ms: ms,
-                    }),
-                }
-            })?;
+            .paint(volume, &settings, None, &mut counted(&mut self.stages))?;
         let rgb8 = if still {
             supersampling::mean_of_four(&rgb8, size.map(|pixels| pixels as usize))
         } else {
             rgb8
         };
-        let [width, height] = size;
-        Ok(Picture {
-            rgb8,
-            width,
-            height,
-            render_ms: begin.elapsed().as_secs_f64() * 1e3,
-        })
+        Ok(finished(rgb8, size, begin))
+    }
+
+    /// Renders the next picture of a viewer who sees one after another, by the scene's `view_sampling`; `history` is what the last one left. Errors: as of [`Renderer::render`].
+    pub fn live(
+        &mut self,
+        snapshot: &Snapshot,
+        scene: &Scene,
+        camera: &Camera,
+        size: [u32; 2],
+        history: &mut History,
+    ) -> Result<Picture, ApiError> {
+        let begin = Instant::now();
+        let settings = settings(snapshot, scene, camera, rays(size, 1)?);
+        let volume = snapshot.volume.as_deref();
+        let mut after = counted(&mut self.stages);
+        let rgb8 = self.painter.paint(volume, &settings, Some(history), &mut after)?;
+        Ok(finished(rgb8, size, begin))
+    }
+
+    /// Layers of such a picture; `objects_m` holds the distances of a client's objects, one a pixel, if it has any. Errors: as of [`Renderer::render`].
+    pub fn layers(
+        &mut self,
+        snapshot: &Snapshot,
+        scene: &Scene,
+        camera: &Camera,
+        size: [u32; 2],
+        objects_m: Option<&[f32]>,
+    ) -> Result<Vec<Layer>, ApiError> {
+        let settings = settings(snapshot, scene, camera, rays(size, 1)?);
+        let volume = snapshot.volume.as_deref();
+        let mut after = counted(&mut self.stages);
+        self.painter.layers(volume, &settings, objects_m, &mut after)
+    }
+}
+
+fn finished(rgb8: Vec<u8>, [width, height]: [u32; 2], begin: Instant) -> Picture {
+    Picture {
+        rgb8,
+        width,
+        height,
+        render_ms: begin.elapsed().as_secs_f64() * 1e3,
+    }
+}
+
+/// The rays of a picture, `a_side` squared a pixel. Errors: `out_of_range` for none or absurdly many.
+fn rays(size: [u32; 2], a_side: u32) -> Result<[usize; 2], ApiError> {
+    const RAYS_MAX: u64 = 1 << 26;
+    let [width, height] = size.map(|pixels| pixels as u64 * a_side as u64);
+    if width == 0 || height == 0 || width.saturating_mul(height) > RAYS_MAX {
+        return Err(ApiError::new(
+            "out_of_range",
+            format!("a picture of {width}x{height} rays is not between 1 and {RAYS_MAX}"),
+        ));
+    }
+    Ok([width as usize, height as usize])
+}
+
+/// Takes the time of each stage that is named, from now on.
+fn counted(stages: &mut Vec<StageTime>) -> impl FnMut(&'static str) {
+    let mut last = Instant::now();
+    move |stage| {
+        let now = Instant::now();
+        let ms = (now - last).as_secs_f64() * 1e3;
+        last = now;
+        match stages.iter_mut().find(|s| s.stage == stage) {
+            Some(time) => {
+                time.runs += 1;
+                time.total_ms += ms;
+            }
+            None => stages.push(StageTime {
+                stage,
+                runs: 1,
+                total_ms: ms,
+            }),
+        }
     }
 }
 
@@ -216,6 +295,7 @@ pub fn settings(snapshot: &Snapshot, scene: &Scene, camera: &Camera, [width, hei
             Some(scene::Sky::HosekWilkie) => SkyMethod::HosekWilkie,
             Some(scene::Sky::ScatteringTables) | None => SkyMethod::ScatteringTables,
         },
+        sampling: methods::view_sampling(scene),
         moon: moon::of_scene(scene, unix_s).map(|moon| MoonPlace {
             direction: moon::direction(&moon),
             distance_m: moon.distance_m as f32,

@@ -270,6 +270,8 @@ pub enum Ladder {
     Phase,
     /// Where a ray of view looks into cloud.
     ViewSteps,
+    /// How many of a picture's pixels are marched through cloud.
+    ViewSampling,
 }
 
 impl Ladder {
@@ -284,6 +286,7 @@ impl Ladder {
         Ladder::Scattering,
         Ladder::Phase,
         Ladder::ViewSteps,
+        Ladder::ViewSampling,
     ];
 
     /// The name in scenes and plans.
@@ -298,6 +301,7 @@ impl Ladder {
             Ladder::Scattering => "scattering",
             Ladder::Phase => "phase",
             Ladder::ViewSteps => "view_steps",
+            Ladder::ViewSampling => "view_sampling",
         }
     }
 
@@ -374,6 +378,10 @@ const MAP_DEVICES: Devices = Devices::CpuOnly(
 /// Where diffusion is there.
 const DIFFUSION_DEVICES: Devices = Devices::CpuOnly(
     "conjugate gradients join sums over the whole grid twice a step, some fifty steps for a sun and a tick: on a GPU each would wait for the one before",
+);
+/// Where reprojection is there.
+const REPROJECT_DEVICES: Devices = Devices::CpuOnly(
+    "each viewer's last picture would have to stay in the GPU's memory beside the worlds, 40 bytes a pixel, and there half resolution leaves little to gain: it was not written",
 );
 /// One stage spans a substep of any length that trajectories can follow.
 const SEMI_LAGRANGIAN: Option<Advance> = Some(Advance {
@@ -484,6 +492,18 @@ rungs! {
     ByDistance ViewSteps "by_distance" Devices::Both, None,
         "steps that grow with the distance from the camera"
         keeps "what a pixel resolves";
+    Reproject16 ViewSampling "reproject_16" REPROJECT_DEVICES, None,
+        "one pixel in sixteen is marched, the others are looked up in the viewer's last picture"
+        keeps "a picture that rests; what changes lags within bounds, and edges soften while the camera moves";
+    Reproject4 ViewSampling "reproject_4" REPROJECT_DEVICES, None,
+        "one pixel in four is marched, the others are looked up in the viewer's last picture"
+        keeps "a picture that rests; what changes lags within bounds, and edges soften while the camera moves";
+    HalfResolution ViewSampling "half_resolution" Devices::Both, None,
+        "one pixel in four is marched, and those between which they disagree"
+        keeps "edges, and a quarter of the pixels exactly; relief finer than two pixels is smoothed where it is faint";
+    EveryPixel ViewSampling "every_pixel" Devices::Both, None,
+        "every pixel is marched"
+        keeps "all";
 }
 
 impl Pass {
@@ -502,6 +522,7 @@ impl Rung {
             Ladder::Scattering,
             Ladder::Phase,
             Ladder::ViewSteps,
+            Ladder::ViewSampling,
         ]
         .contains(&self.info().ladder);
         of_pictures
@@ -1022,6 +1043,45 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         writes: &["radiance"],
         what: "other lengths of the steps through cloud (within march)",
         tolerance: PICTURE,
+    },
+    ViewStage {
+        name: "upsample",
+        needs: &[Effect::Moisture],
+        rungs: &[Rung::HalfResolution],
+        reads: &["radiance", "cloud_transmittance", "cloud_distance"],
+        writes: &["picture"],
+        what: "a live picture from one pixel in four and those between which they disagree (march is then those one in four, and the rest of it within this)",
+        tolerance: Tolerance {
+            within: Within::Absolute(1.0),
+            outside: 0.002,
+            why: "as of march; and where samples disagree by just the bound, one device marches a pixel that the other fills: one in thousands, some levels apart",
+        },
+    },
+    ViewStage {
+        name: "reproject",
+        needs: &[Effect::Moisture],
+        rungs: &[Rung::Reproject4, Rung::Reproject16],
+        reads: &["radiance", "cloud_transmittance", "cloud_distance", "last_picture"],
+        writes: &["picture"],
+        what: "a live picture from one pixel in 4 or 16 and the viewer's last one (march within it)",
+        tolerance: Tolerance {
+            within: Within::Absolute(1.0),
+            outside: 0.0,
+            why: "on the CPU alone",
+        },
+    },
+    ViewStage {
+        name: "layers",
+        needs: &[],
+        rungs: &[],
+        reads: &["radiance", "objects_distance"],
+        writes: &["layers"],
+        what: "what a client needs to put objects into a picture: light before them, what passes, where the cloud is (when asked for)",
+        tolerance: Tolerance {
+            within: Within::Relative(2e-3),
+            outside: 0.002,
+            why: "sums of some 20 samples of packed numbers; where rounding moves a ray over a cell's border of the occupancy, the samples behind shift by a step: one in thousands",
+        },
     },
     ViewStage {
         name: "ground",

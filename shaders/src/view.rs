@@ -151,6 +151,31 @@ impl Lighting {
     }
 }
 
+/// How many of a picture's pixels are marched.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum ViewSampling {
+    /// All.
+    #[default]
+    EveryPixel,
+    /// One in four, and those between which they disagree (stage `upsample`).
+    HalfResolution,
+    /// One in 4 of a viewer's live picture, the others from the one before (stage `reproject`); on the CPU. All where there is no viewer.
+    Reproject4,
+    /// One in 16 of it.
+    Reproject16,
+}
+
+impl ViewSampling {
+    /// Pixels along the side of a cell of which one is marched a picture, where pictures build on one another.
+    pub fn cell(self) -> Option<usize> {
+        match self {
+            ViewSampling::EveryPixel | ViewSampling::HalfResolution => None,
+            ViewSampling::Reproject4 => Some(2),
+            ViewSampling::Reproject16 => Some(4),
+        }
+    }
+}
+
 /// What a picture is taken of and how. Numbers that make no sense are bounded, never an error: a camera under the ground stands on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewSettings {
@@ -196,6 +221,8 @@ pub struct ViewSettings {
     pub stars: Option<StarPlaces>,
     /// How the clear sky by the sun is made.
     pub sky: SkyMethod,
+    /// How many of the pixels are marched.
+    pub sampling: ViewSampling,
 }
 
 /// Detail noise of a frame.

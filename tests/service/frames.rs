@@ -271,7 +271,9 @@ async fn a_viewer_whose_pictures_take_long_lets_others_pass() {
                 ..world.scene.camera.clone()
             },
             still: false,
+            whole: false,
             past: None,
+            layers: None,
         }
     };
     for (share, heavy_first) in [(0.5, false), (1.0, true)] {

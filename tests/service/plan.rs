@@ -1,11 +1,12 @@
 //! A scene pays only for the effects that it names: passes and bytes are counted with and without each.
 
-use welkin_proto::scene::{Accuracy, Advection, Pressure};
+use welkin_proto::scene::{self, Accuracy, Advection, Pressure};
 use welkin_proto::{Scene, presets};
 use welkin_server::methods;
 use welkin_server::plan::Plan;
 use welkin_server::world::World;
 use welkin_shaders::catalogue::{Effect, Field, Ladder, Pass, Phase, Rung};
+use welkin_shaders::view::ViewSampling;
 
 fn cumulus() -> Scene {
     let mut scene = presets::find("fair-weather-cumulus").expect("a preset");
@@ -183,6 +184,7 @@ fn a_plan_runs_one_rung_of_each_ladder_and_says_why() {
             ("scattering", "octaves", "effect multiple_scattering"),
             ("phase", "droplets", "what a scene has that names none"),
             ("view_steps", "by_distance", "what a scene has that names none"),
+            ("view_sampling", "half_resolution", "accuracy balanced"),
         ]
     );
     assert_eq!(report.courant_max, Some(1.0));
@@ -193,8 +195,13 @@ fn a_plan_runs_one_rung_of_each_ladder_and_says_why() {
     assert_eq!((fast.methods.advection, fast.courant_max), (Rung::FluxForm, Some(1.4)));
     scene.effects.flow.as_mut().expect("flow").courant_max = 1.4;
     assert_eq!(methods::choose(&scene).expect("a choice").courant_max, Some(1.4));
+    assert_eq!(methods::view_sampling(&scene), ViewSampling::HalfResolution);
     let mut scene = cumulus();
     scene.accuracy = Accuracy::Reference;
+    assert_eq!(methods::view_sampling(&scene), ViewSampling::EveryPixel);
+    scene.methods.view_sampling = Some(scene::ViewSampling::Reproject16);
+    assert_eq!(methods::view_sampling(&scene), ViewSampling::Reproject16);
+    scene.methods.view_sampling = None;
     assert_eq!(
         World::new(scene, None).expect("a world").plan_report().courant_max,
         Some(0.5)

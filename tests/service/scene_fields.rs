@@ -745,6 +745,7 @@ fn methods_are_read_and_judged() {
         json!({ "scattering": "diffusion", "sun_occlusion": { "method": "beer_shadow_map", "side": 512 } }),
         json!({ "view_steps": { "steps": "by_optical_depth", "optical_depth": 0.25 }, "phase": { "function": "ice", "aspect_ratio": 2 } }),
         json!({ "sun_occlusion": { "method": "secondary_march", "steps": 8 }, "phase": { "function": "mie", "effective_radius_um": 9 } }),
+        json!({ "view_sampling": "half_resolution" }),
         json!({ "phase": { "function": "double_henyey_greenstein", "forward_asymmetry": 0.9, "backward_asymmetry": -0.4, "forward_share": 0.8 } }),
     ] {
         parse_scene(&with(good).to_string(), &Limits::default()).expect("good methods of light");
@@ -829,6 +830,12 @@ fn methods_are_read_and_judged() {
             "16 to 4096",
         ),
         (
+            json!({ "view_sampling": "quarter_resolution" }),
+            "bad_scene",
+            "/methods/view_sampling",
+            "half_resolution",
+        ),
+        (
             json!({ "phase": { "function": "henyey_greenstein", "asymmetry": 1.0 } }),
             "out_of_range",
             "/methods/phase/asymmetry",
@@ -893,6 +900,11 @@ fn methods_are_read_and_judged() {
         (
             json!({ "phase": { "function": "rayleigh" } }),
             "/methods/phase",
+            "`moisture`",
+        ),
+        (
+            json!({ "view_sampling": "every_pixel" }),
+            "/methods/view_sampling",
             "`moisture`",
         ),
     ] {

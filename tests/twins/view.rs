@@ -25,10 +25,12 @@ use welkin_shaders::cpu::light::sky_visibility::sky_visibility;
 use welkin_shaders::cpu::light::sun_optical_depth::SunLight;
 use welkin_shaders::cpu::light::transmittance_table::TransmittanceTable;
 use welkin_shaders::cpu::view::detail_noise::DetailNoise;
+use welkin_shaders::cpu::view::layers::Layer;
 use welkin_shaders::cpu::view::occupancy::Occupancy;
 use welkin_shaders::cpu::view::shape::Shape;
 use welkin_shaders::cpu::view::{
-    Detail, Ground, MoonPlace, Prepared, Scattering, StarPlaces, SunOcclusion, ViewSettings, render,
+    Detail, Ground, MoonPlace, Prepared, Scattering, StarPlaces, SunOcclusion, ViewSampling, ViewSettings, layers,
+    render,
 };
 use welkin_shaders::gpu::view_stages::{Air, ShapeGrid, SkyLightAsk, SkyView, SunMarch, ViewStages};
 use welkin_shaders::gpu::{Context, GpuError, GpuView};
@@ -538,6 +540,97 @@ fn view_steps(bench: &mut Bench) -> Vec<Pair> {
     pictures(bench, Some(&cumulus_field(4, 12)), &views)
 }
 
+fn upsample(bench: &mut Bench) -> Vec<Pair> {
+    let half = |change: fn(&mut ViewSettings)| {
+        changed(|v| {
+            v.sampling = ViewSampling::HalfResolution;
+            change(v);
+        })
+    };
+    let mut all = pictures(
+        bench,
+        Some(&cumulus_field(7, 12)),
+        &[
+            ("at half the resolution", half(|_| ())),
+            (
+                "at half the resolution, an odd size, from above",
+                half(|v| {
+                    v.width = 83;
+                    v.height = 45;
+                    v.camera_position_m = [3200.0, -2000.0, 4000.0];
+                    v.elevation_deg = -25.0;
+                }),
+            ),
+            (
+                "at half the resolution into the sun",
+                half(|v| v.sun_direction = sun(20.0, 10.0)),
+            ),
+        ],
+    );
+    all.extend(pictures(
+        bench,
+        Some(&ball(1500.0, 700.0, 0.06)),
+        &[(
+            "at half the resolution inside a cloud",
+            half(|v| v.camera_position_m = [3200.0, 3200.0, 1500.0]),
+        )],
+    ));
+    all
+}
+
+/// A picture's layers on both devices, its numbers apart: light, what passes and opacity; distances.
+fn layers_of_both(bench: &mut Bench) -> Vec<Pair> {
+    let field = cumulus_field(7, 12);
+    let mut prepared = Prepared::new();
+    let mut gpu_view = GpuView::new(bench.stages.clone()).unwrap();
+    let size = WIDTH * HEIGHT;
+    // Objects anywhere, some in cloud, and none on every third pixel.
+    let objects: Vec<f32> = (0..size)
+        .map(|n| [bench.between(0.0, 9_000.0), f32::INFINITY][usize::from(n % 3 == 0)])
+        .collect();
+    let mut clear = settings(WIDTH, HEIGHT);
+    clear.visibility_m = None;
+    let cases = [
+        ("no objects", Some(&field), settings(WIDTH, HEIGHT), None),
+        ("objects", Some(&field), settings(WIDTH, HEIGHT), Some(&objects[..])),
+        ("objects without haze", Some(&field), clear, Some(&objects[..])),
+        (
+            "objects without cloud",
+            None,
+            settings(WIDTH, HEIGHT),
+            Some(&objects[..]),
+        ),
+    ];
+    let mut all = Vec::new();
+    for (what, volume, view, objects_m) in cases {
+        let cpu = layers(volume, &view, objects_m, &mut prepared, &mut |_| {});
+        let gpu = gpu_view.layers(volume, &view, objects_m, &mut |_| {}).unwrap();
+        let part = |layers: &[Layer], numbers: &[usize]| -> Vec<f32> {
+            layers.iter().flat_map(|l| numbers.iter().map(|n| l[*n])).collect()
+        };
+        let mut parts = vec![("light and shares", &[0, 1, 2, 3, 5][..])];
+        if volume.is_some() {
+            parts.push(("distances", &[4]));
+        }
+        for (name, numbers) in parts {
+            all.push(Pair {
+                what: format!("{what}: {name}"),
+                cpu: part(&cpu, numbers),
+                gpu: part(&gpu, numbers),
+            });
+        }
+    }
+    all
+}
+
+/// No GPU has it; the CPU's is judged in `images/sampling.rs`, and here that every kernel's rung says so.
+fn reproject(_: &mut Bench) -> Vec<Pair> {
+    for rung in [Rung::Reproject4, Rung::Reproject16] {
+        assert!(matches!(rung.info().devices, Devices::CpuOnly(_)), "{rung:?}");
+    }
+    Vec::new()
+}
+
 fn octaves(bench: &mut Bench) -> Vec<Pair> {
     let views = [0, 1, 8].map(|octaves| {
         changed(|v| {
@@ -724,6 +817,9 @@ const CASES: &[Case] = &[
     ("march:octaves", octaves),
     ("march", march),
     ("march:steps", view_steps),
+    ("upsample", upsample),
+    ("reproject", reproject),
+    ("layers", layers_of_both),
     ("ground", ground),
     ("ground:shadow", ground_shadow),
     ("haze", haze),

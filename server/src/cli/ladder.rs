@@ -10,6 +10,7 @@ use super::{
 };
 use crate::ladder::experiments::{self, Conditions};
 use crate::ladder::light::{self, LightContext, LightReport, LightScene};
+use crate::ladder::view::{self, ViewContext, ViewReport};
 use crate::ladder::{self, CaseReport, Context, LadderError, Report};
 
 pub(super) const EXAMPLES: &str = "\
@@ -18,7 +19,8 @@ Examples:
   welkin ladder dynamics --out results     at full size; JSON, table and plot into a folder
   welkin ladder light --quick              every way to light a cloud against traced paths, small
   welkin ladder experiments                what pictures cost by map, samples, size, cover and segments
-  welkin ladder light --truths traced --out results     interrupt it, run it again: it goes on";
+  welkin ladder light --truths traced --out results     interrupt it, run it again: it goes on
+  welkin ladder view --out results         live pictures of fewer rays, at rest and from moving cameras";
 
 /// Which ladders.
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -29,6 +31,8 @@ enum Which {
     Light,
     /// The seeds' experiments on what pictures cost, on the CPU.
     Experiments,
+    /// How many pixels of live pictures are marched, on the CPU.
+    View,
 }
 
 #[derive(Args)]
@@ -99,6 +103,14 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
                 written(&report, experiments::text(&report), "experiments", plots)
             })
         }
+        Which::View => {
+            options.machine.size_pool(None);
+            view::view(&ViewContext {
+                quick: options.quick,
+                progress: &progress,
+            })
+            .and_then(|report| written(&report, view_table(&report), "view", Vec::new()))
+        }
     };
     bar.finish_and_clear();
     let results = match measured {
@@ -141,6 +153,52 @@ fn written(
         files.push((format!("ladder-{which}{what}.png"), png));
     }
     Ok(Results { json, text, files })
+}
+
+fn view_table(report: &ViewReport) -> String {
+    let short = if report.quick { ", small and short" } else { "" };
+    let [width, height] = report.size;
+    let mut text = format!(
+        "welkin {} on {}{short}; {width} x {height} pixels\n\nhalf_resolution against every_pixel: relative error of radiance, mean FLIP, what 99 in 100 bytes stay within, rays a pixel\n",
+        report.version, report.device
+    );
+    let head = ["SCENE", "ERROR", "FLIP", "99 %", "RAYS", "MS", "MS WHOLE"];
+    let rows = report.stills.iter().map(|row| {
+        [
+            row.scene.to_owned(),
+            format!("{:.4}", row.error),
+            format!("{:.4}", row.flip),
+            row.bytes_99.to_string(),
+            format!("{:.2}", row.rays),
+            format!("{:.1}", row.ms),
+            format!("{:.1}", row.whole_ms),
+        ]
+    });
+    text += &columns(
+        std::iter::once(head.map(str::to_owned)).chain(rows).collect(),
+        [false, true, true, true, true, true, true],
+    );
+    text += &format!(
+        "\nstreams of {} pictures, ten a second, clouds in the wind: against the whole picture of the same moment, bytes of 255 and FLIP, in the mean and the worst picture\n",
+        report.stream_pictures
+    );
+    let head = ["CAMERA", "RUNG", "RMS", "WORST", "FLIP", "WORST", "RAYS", "MS"];
+    let rows = report.streams.iter().map(|row| {
+        [
+            row.camera.to_owned(),
+            row.rung.to_owned(),
+            format!("{:.2}", row.rms_bytes),
+            format!("{:.2}", row.rms_bytes_worst),
+            format!("{:.4}", row.flip),
+            format!("{:.4}", row.flip_worst),
+            format!("{:.2}", row.rays),
+            format!("{:.1}", row.ms),
+        ]
+    });
+    text + &columns(
+        std::iter::once(head.map(str::to_owned)).chain(rows).collect(),
+        [false, false, true, true, true, true, true, true],
+    )
 }
 
 fn light_table(report: &LightReport) -> String {

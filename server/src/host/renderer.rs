@@ -17,17 +17,24 @@ use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
 use welkin_proto::wire::FrameFormat;
 use welkin_proto::{ApiError, Camera};
+use welkin_shaders::cpu::view::reproject::History;
 
 use super::View;
 use crate::machine::Compute;
+use crate::methods;
 use crate::past_sky::KeptSky;
-use crate::picture::{self, Picture, Renderer};
+use crate::picture::{self, Picture, Renderer, layers};
 use crate::priority;
 
 /// Pictures kept for viewers who ask for the one just made, in another coding or at the same tick.
 const PICTURES_KEPT: usize = 4;
 /// Coded frames kept.
 const FRAMES_KEPT: usize = 16;
+/// Viewers whose last picture is kept for the next, where pictures build on one another, and the bytes of all of them.
+const HISTORIES_KEPT: usize = 32;
+const HISTORY_BYTES_MAX: usize = 128 << 20;
+/// A last picture of longer ago than this, in simulated seconds, is of another sky.
+const HISTORY_LASTS_S: f64 = 30.0;
 
 /// What a viewer wants to see.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,8 +49,29 @@ pub struct FrameRequest {
     pub camera: Camera,
     /// Four rays a pixel and finer coding.
     pub still: bool,
+    /// Every pixel is marched, whatever the scene's `view_sampling`: a picture on its own, not one of a stream.
+    pub whole: bool,
     /// A kept moment to be drawn instead of the newest.
     pub past: Option<Arc<KeptSky>>,
+    /// Layers in place of the picture.
+    pub layers: Option<LayersWish>,
+}
+
+/// What is wanted of a picture's layers.
+#[derive(Clone, Debug, PartialEq)]
+pub enum LayersWish {
+    /// Where the cloud is.
+    Depth {
+        /// As floats instead of PNG.
+        raw: bool,
+    },
+    /// What lies before objects.
+    Before {
+        /// Their distances along the pixels' rays, m; one a pixel, rows from the top.
+        objects_m: Arc<[f32]>,
+        /// As floats instead of PNG.
+        raw: bool,
+    },
 }
 
 /// Who asks: tells viewers apart, so that the renderer's time can be shared among them.
@@ -237,6 +265,7 @@ struct PictureKey {
     camera: Camera,
     size: [u32; 2],
     still: bool,
+    whole: bool,
     past: bool,
 }
 
@@ -247,6 +276,7 @@ impl PictureKey {
             && self.size == [request.width, request.height]
             && self.camera == request.camera
             && self.still == request.still
+            && self.whole == request.whole
             && self.past == request.past.is_some()
     }
 }
@@ -258,6 +288,16 @@ struct Kept {
     renderers: HashMap<(Arc<str>, bool), Renderer>,
     pictures: VecDeque<(PictureKey, Arc<Picture>)>,
     frames: VecDeque<(PictureKey, FrameFormat, Arc<Frame>)>,
+    /// What viewers' last pictures leave to their next, the one used last at the end.
+    histories: Vec<Lasting>,
+}
+
+/// What a viewer's last picture leaves to the next.
+struct Lasting {
+    viewer: Viewer,
+    world: Arc<str>,
+    simulated_s: f64,
+    history: History,
 }
 
 fn render_loop(shared: &Shared, compute: Compute) {
@@ -267,6 +307,7 @@ fn render_loop(shared: &Shared, compute: Compute) {
         renderers: HashMap::new(),
         pictures: VecDeque::new(),
         frames: VecDeque::new(),
+        histories: Vec::new(),
     };
     loop {
         let mut queue = shared.lock();
@@ -286,12 +327,14 @@ fn render_loop(shared: &Shared, compute: Compute) {
         if job.waiters.iter().all(|w| w.sender.is_closed()) {
             continue; // every viewer has left
         }
+        let viewer = job.waiters.first().map_or(Viewer::SNAPSHOTS, |w| w.viewer);
         let began = Instant::now();
-        let frame = catch_unwind(AssertUnwindSafe(|| kept.frame(&job.world, &job.request))).unwrap_or_else(|_| {
-            tracing::error!(world = %job.world.id, request = ?job.request, "the renderer panicked");
-            kept.forget(&job.world.id);
-            Err(ApiError::new("internal", "the frame could not be rendered"))
-        });
+        let frame =
+            catch_unwind(AssertUnwindSafe(|| kept.frame(&job.world, &job.request, viewer))).unwrap_or_else(|_| {
+                tracing::error!(world = %job.world.id, request = ?job.request, "the renderer panicked");
+                kept.forget(&job.world.id);
+                Err(ApiError::new("internal", "the frame could not be rendered"))
+            });
         let own = began.elapsed().div_f64(job.waiters.len() as f64);
         let rest = own.mul_f64(1.0 / shared.viewer_share - 1.0);
         let now = Instant::now();
@@ -312,19 +355,56 @@ impl Kept {
         self.renderers.retain(|(id, _), _| id != world);
         self.pictures.retain(|(key, _)| key.world != *world);
         self.frames.retain(|(key, _, _)| key.world != *world);
+        self.histories.retain(|h| h.world != *world);
     }
 
-    fn frame(&mut self, world: &View, request: &FrameRequest) -> Result<Arc<Frame>, ApiError> {
+    /// What the viewer's last picture of that world has left, taken out; nothing of a sky of another time.
+    fn history(&mut self, viewer: Viewer, world: &Arc<str>, simulated_s: f64) -> History {
+        let found = self
+            .histories
+            .iter()
+            .position(|h| h.viewer == viewer && h.world == *world);
+        let Some(found) = found else {
+            return History::default();
+        };
+        let mut lasting = self.histories.remove(found);
+        if !(0.0..=HISTORY_LASTS_S).contains(&(simulated_s - lasting.simulated_s)) {
+            lasting.history.forget();
+        }
+        lasting.history
+    }
+
+    /// Keeps what a picture leaves, and drops what was used longest ago where that is too much.
+    fn keep_history(&mut self, viewer: Viewer, world: Arc<str>, simulated_s: f64, history: History) {
+        self.histories.push(Lasting {
+            viewer,
+            world,
+            simulated_s,
+            history,
+        });
+        let bytes = |all: &[Lasting]| all.iter().map(|h| h.history.bytes()).sum::<usize>();
+        while self.histories.len() > HISTORIES_KEPT
+            || (self.histories.len() > 1 && bytes(&self.histories) > HISTORY_BYTES_MAX)
+        {
+            self.histories.remove(0);
+        }
+    }
+
+    fn frame(&mut self, world: &View, request: &FrameRequest, viewer: Viewer) -> Result<Arc<Frame>, ApiError> {
         let published = world.newest();
         let past = request.past.as_ref();
         let (revision, published_at) =
             past.map_or((published.revision, published.at), |p| (p.revision, p.published_at));
+        if let Some(wish) = &request.layers {
+            return self.layers(world, request, wish, (revision, published_at));
+        }
         let key = || PictureKey {
             world: world.id.clone(),
             revision,
             camera: request.camera.clone(),
             size: [request.width, request.height],
             still: request.still,
+            whole: request.whole,
             past: past.is_some(),
         };
         let same = |(k, format, _): &&(PictureKey, FrameFormat, Arc<Frame>)| {
@@ -336,22 +416,34 @@ impl Kept {
         let picture = match self.pictures.iter().find(|(k, _)| k.is(world, revision, request)) {
             Some((_, picture)) => picture.clone(),
             None => {
+                let kept = past.map(|p| p.snapshot()).transpose()?;
+                let snapshot = kept.as_ref().unwrap_or(&published.snapshot);
+                let simulated_s = snapshot.numbers.simulated_s;
+                let size = [request.width, request.height];
+                // The past has no viewers who go on from picture to picture.
+                let live = !request.whole && !request.still && past.is_none();
+                let builds = live && methods::view_sampling(&snapshot.scene).cell().is_some();
+                let mut history = if builds {
+                    self.history(viewer, &world.id, simulated_s)
+                } else {
+                    History::default()
+                };
                 let renderer = self
                     .renderers
                     .entry((world.id.clone(), past.is_some()))
                     .or_insert_with(|| Renderer::new(&self.compute));
-                let kept = past.map(|p| p.snapshot()).transpose()?;
-                let snapshot = kept.as_ref().unwrap_or(&published.snapshot);
-                let picture = Arc::new(renderer.render(
-                    snapshot,
-                    &snapshot.scene,
-                    &request.camera,
-                    [request.width, request.height],
-                    request.still,
-                )?);
+                let (scene, camera) = (&snapshot.scene, &request.camera);
+                let picture = Arc::new(if live {
+                    renderer.live(snapshot, scene, camera, size, &mut history)?
+                } else {
+                    renderer.render(snapshot, scene, camera, size, request.still)?
+                });
                 world.set_frame_ms(picture.render_ms);
                 if past.is_none() {
                     world.set_view_times(renderer.times());
+                }
+                if builds {
+                    self.keep_history(viewer, world.id.clone(), simulated_s, history);
                 }
                 keep(&mut self.pictures, (key(), picture.clone()), PICTURES_KEPT);
                 picture
@@ -373,6 +465,54 @@ impl Kept {
         });
         keep(&mut self.frames, (key(), request.format, frame.clone()), FRAMES_KEPT);
         Ok(frame)
+    }
+}
+
+impl Kept {
+    /// Layers of a picture; nothing of them is kept, for who asks has objects of his own.
+    fn layers(
+        &mut self,
+        world: &View,
+        request: &FrameRequest,
+        wish: &LayersWish,
+        (revision, published_at): (u64, Instant),
+    ) -> Result<Arc<Frame>, ApiError> {
+        let published = world.newest();
+        let past = request.past.as_ref();
+        let kept = past.map(|p| p.snapshot()).transpose()?;
+        let snapshot = kept.as_ref().unwrap_or(&published.snapshot);
+        let renderer = self
+            .renderers
+            .entry((world.id.clone(), past.is_some()))
+            .or_insert_with(|| Renderer::new(&self.compute));
+        let size = [request.width, request.height];
+        let objects_m = match wish {
+            LayersWish::Depth { .. } => None,
+            LayersWish::Before { objects_m, .. } => Some(&objects_m[..]),
+        };
+        let began = Instant::now();
+        let layers = renderer.layers(snapshot, &snapshot.scene, &request.camera, size, objects_m)?;
+        let render_ms = began.elapsed().as_secs_f64() * 1e3;
+        if past.is_none() {
+            world.set_view_times(renderer.times());
+        }
+        let began = Instant::now();
+        let bytes = match wish {
+            LayersWish::Depth { raw } => layers::depth(&layers, size, *raw)?,
+            LayersWish::Before { raw, .. } => layers::before(&layers, size, *raw)?,
+        };
+        let numbers = &snapshot.numbers;
+        let (tick, simulated_s) = past.map_or((numbers.tick, numbers.simulated_s), |p| (p.tick, p.simulated_s));
+        Ok(Arc::new(Frame {
+            request: request.clone(),
+            revision,
+            published_at,
+            tick,
+            simulated_s,
+            render_ms,
+            encode_ms: began.elapsed().as_secs_f64() * 1e3,
+            bytes,
+        }))
     }
 }
 

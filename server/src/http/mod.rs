@@ -7,6 +7,7 @@ mod edr;
 mod error;
 mod extract;
 mod healthz;
+mod layers;
 mod openapi;
 mod page;
 mod query;
@@ -27,7 +28,9 @@ mod viewing;
 mod world_commands;
 mod world_create;
 mod world_delete;
+mod world_depth;
 mod world_frame;
+mod world_frame_before;
 mod world_frame_mjpeg;
 mod world_past;
 mod world_past_bin;
@@ -87,6 +90,8 @@ pub fn routes() -> Vec<Route> {
         world_stars::route(),
         view_shaders::route(),
         world_frame::route(),
+        world_frame_before::route(),
+        world_depth::route(),
         world_frame_mjpeg::route(),
         world_commands::route(),
         world_stream::route(),

@@ -87,6 +87,10 @@ fn operation(route: &Route, generator: &mut SchemaGenerator) -> Value {
         let body = json!({ "required": true, "content": { "application/json": { "schema": schema(generator) } } });
         operation.insert("requestBody".into(), body);
     }
+    if let Some(what) = route.octets {
+        let body = json!({ "required": true, "description": what, "content": { "application/octet-stream": {} } });
+        operation.insert("requestBody".into(), body);
+    }
     let mut responses = Map::new();
     for answer in &route.answers {
         responses.insert(answer.status.to_string(), response(answer, generator));

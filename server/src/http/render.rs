@@ -104,7 +104,9 @@ fn run(
         format: wish.format,
         camera: wish.camera.clone().unwrap_or_else(|| scene.camera.clone()),
         still: wish.still,
+        whole: true,
         past: None,
+        layers: None,
     };
     let mut renderer = Renderer::new(&machine.compute);
     let mut world = World::new(scene, machine)?;

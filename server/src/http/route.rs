@@ -61,6 +61,8 @@ pub struct Route {
     pub parameters: Vec<Parameter>,
     /// The schema of its JSON request body.
     pub request: Option<SchemaOf>,
+    /// What its request body of plain bytes holds.
+    pub octets: Option<&'static str>,
     /// Its successful answers.
     pub answers: Vec<Answer>,
     /// Codes of the errors that it can answer with.
@@ -78,6 +80,7 @@ impl Route {
             summary,
             parameters,
             request: None,
+            octets: None,
             answers,
             errors,
             handler,
@@ -133,6 +136,13 @@ impl Route {
         self.request = Some(schema_of::<T>);
         self.errors
             .extend(["bad_json", "bad_body", "body_too_large", "unsupported_media_type"]);
+        self
+    }
+
+    /// With a request body of plain bytes, and the errors that reading it can give.
+    pub fn octets(mut self, what: &'static str) -> Self {
+        self.octets = Some(what);
+        self.errors.extend(["body_too_large", "unsupported_media_type"]);
         self
     }
 

@@ -16,7 +16,7 @@ use super::query::{invalid, moment, number, unknown};
 use super::route::{Place, Route};
 use super::state::AppState;
 use super::viewing::still_fits;
-use crate::host::renderer::{Frame, FrameRequest, Viewer};
+use crate::host::renderer::{Frame, FrameRequest, LayersWish, Viewer};
 use crate::limits::Limits;
 use crate::sample::When;
 
@@ -30,6 +30,9 @@ const SERVER_TIMING: HeaderName = HeaderName::from_static("server-timing");
 
 /// Media types of frames.
 pub const MEDIA_TYPES: [&str; 3] = ["image/jpeg", "image/png", "image/webp"];
+
+/// Media types of layers.
+pub const LAYER_MEDIA_TYPES: [&str; 2] = ["image/png", "application/octet-stream"];
 
 /// The route.
 pub fn route() -> Route {
@@ -146,7 +149,7 @@ async fn frame(
 pub fn image_response(frame: &Frame, more: [(HeaderName, String); 2]) -> Response {
     let timing = format!("render;dur={:.1}, encode;dur={:.1}", frame.render_ms, frame.encode_ms);
     let headers = [
-        (header::CONTENT_TYPE, media_type(frame.request.format).to_owned()),
+        (header::CONTENT_TYPE, media_type(&frame.request).to_owned()),
         (TICK_HEADER, frame.tick.to_string()),
         (SIMULATED_HEADER, frame.simulated_s.to_string()),
         (SERVER_TIMING, timing),
@@ -154,8 +157,14 @@ pub fn image_response(frame: &Frame, more: [(HeaderName, String); 2]) -> Respons
     (headers, more, frame.bytes.clone()).into_response()
 }
 
-fn media_type(format: FrameFormat) -> &'static str {
-    match format {
+fn media_type(request: &FrameRequest) -> &'static str {
+    match &request.layers {
+        None => {}
+        Some(LayersWish::Depth { raw } | LayersWish::Before { raw, .. }) => {
+            return LAYER_MEDIA_TYPES[usize::from(*raw)];
+        }
+    }
+    match request.format {
         FrameFormat::Jpeg => MEDIA_TYPES[0],
         FrameFormat::Png => MEDIA_TYPES[1],
         FrameFormat::Webp => MEDIA_TYPES[2],
@@ -181,7 +190,9 @@ fn fingerprint(request: &FrameRequest) -> u64 {
         format,
         camera,
         still,
+        whole: _, // always
         past,
+        layers: _, // an answer of layers has no tag
     } = request;
     let mut hasher = DefaultHasher::new();
     // A kept sky is coded more coarsely than the newest one, so that the same publication gives another picture.
@@ -207,7 +218,9 @@ pub fn parse(pairs: &[(String, String)], scene_camera: &Camera, limits: &Limits)
         format: FrameFormat::default(),
         camera: scene_camera.clone(),
         still: false,
+        whole: true,
         past: None,
+        layers: None,
     };
     let camera = &mut request.camera;
     for (name, value) in pairs {

@@ -18,7 +18,7 @@ use super::route::{Place, Route};
 use super::state::{AppState, StreamPermit};
 use super::viewing::{Viewing, Wish, until};
 use super::world_frame::{parse, view_parameters};
-use crate::host::renderer::Frame;
+use crate::host::renderer::{Frame, FrameRequest};
 use crate::host::{Looking, View};
 
 /// The rate of a client that names none, pictures a wall second.
@@ -91,7 +91,10 @@ fn wish(pairs: Vec<(String, String)>, world: &View, state: &AppState) -> Result<
     if let Some((name, value)) = view.iter().find(|(name, value)| name == "format" && value != "jpeg") {
         return Err(invalid(name, value, "jpeg"));
     }
-    let request = parse(&view, &world.scene.camera, state.limits())?;
+    let request = FrameRequest {
+        whole: false,
+        ..parse(&view, &world.scene.camera, state.limits())?
+    };
     debug_assert_eq!(request.format, FrameFormat::Jpeg);
     Wish::new(request, quality, max_fps, state.limits())
 }

@@ -152,7 +152,9 @@ impl Stream {
                     format,
                     camera,
                     still: false,
+                    whole: false,
                     past: None,
+                    layers: None,
                 };
                 let wish = Wish::new(request, quality, max_fps, self.state.limits())?;
                 self.viewing.wish(wish, &self.state);

@@ -7,6 +7,7 @@ mod cases;
 mod draw;
 pub mod experiments;
 pub mod light;
+pub mod view;
 
 use std::time::Instant;
 

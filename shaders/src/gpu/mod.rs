@@ -14,7 +14,9 @@ pub mod profiles;
 pub mod readback;
 pub mod view;
 pub mod view_kernels;
+pub mod view_layers;
 pub mod view_stages;
+pub mod view_upsample;
 
 pub use context::{AdapterChoice, AdapterReport, Context};
 pub use device::Gpu;
@@ -26,9 +28,11 @@ pub use view_stages::ViewStages;
 use crate::cpu::sim::{advect, cloud_extinction, reduce_cloud, saturation_adjustment, surface_flux};
 use crate::cpu::{light, view as view_twins};
 use crate::wgsl::Module;
+use view_layers::Layering;
 use view_stages::{
     Air, MARCH_PHASE, ShapeGrid, SkyLightAsk, SkyLightValues, SkyView, SunMarch, ViewFrame, VisibilitySweep,
 };
+use view_upsample::Sampling;
 
 macro_rules! modules {
     ($($name:literal constants [$($constants:path),* $(,)?] structs [$($layout:expr),* $(,)?];)*) => {
@@ -106,4 +110,6 @@ modules! {
     "view/tone_map" constants [view_twins::tone_map::WGSL] structs [];
     "view/light_shafts" constants [view_twins::light_shafts::WGSL, light::sun_optical_depth::WGSL] structs [ViewFrame::LAYOUT, SkyLightValues::LAYOUT];
     "view/march" constants [view_twins::march::WGSL, light::sun_optical_depth::WGSL, light::march_phase::WGSL] structs [ViewFrame::LAYOUT, SkyLightValues::LAYOUT, MARCH_PHASE];
+    "view/upsample" constants [view_twins::upsample::WGSL] structs [Sampling::LAYOUT];
+    "view/layers" constants [view_twins::layers::WGSL] structs [Layering::LAYOUT];
 }

@@ -6,7 +6,8 @@
 use std::sync::Arc;
 
 use super::view_stages::{Air, ShapeGrid, SkyLightAsk, SkyLightValues, SkyView, SunMarch, ViewFrame, ViewStages};
-use super::{Context, GpuError};
+use super::view_upsample::Sampling;
+use super::{Context, GpuError, Kernel};
 use crate::CloudVolume;
 use crate::cpu::light::march_phase::MarchPhase;
 use crate::cpu::light::multiple_scattering_table::MultipleScatteringTable;
@@ -17,7 +18,9 @@ use crate::cpu::light::stars::StarTable;
 use crate::cpu::light::sun_optical_depth::marched_direction;
 use crate::cpu::light::transmittance_table::TransmittanceTable;
 use crate::cpu::view::haze::Haze;
-use crate::view::{Ground, LightKey, Look, Scattering, SkyKey, Slab, SunLightKey, ViewSettings, fingerprint};
+use crate::view::{
+    Ground, LightKey, Look, Scattering, SkyKey, Slab, SunLightKey, ViewSampling, ViewSettings, fingerprint,
+};
 
 /// Pixels that one submission draws at most: a slow GPU's watchdog ends what runs for seconds.
 const BAND_PIXELS: usize = 1 << 18;
@@ -89,6 +92,11 @@ impl GpuView {
         &self.context
     }
 
+    /// The stages that it draws by.
+    pub(super) fn stages(&self) -> Arc<ViewStages> {
+        self.stages.clone()
+    }
+
     /// Draws by compiled stages, on their adapter. Errors: those of memory and loss.
     pub fn new(stages: Arc<ViewStages>) -> Result<GpuView, GpuError> {
         let context = stages.context().clone();
@@ -127,11 +135,15 @@ impl GpuView {
         if settings.width == 0 || settings.height == 0 {
             return Ok(Vec::new());
         }
-        self.draw(volume, settings, after).map_err(|error| match error {
-            // A device that is gone refuses first and is reported lost when it is asked.
+        self.draw(volume, settings, after).map_err(|error| self.cause(error))
+    }
+
+    /// A device that is gone refuses first and is reported lost when it is asked.
+    pub(super) fn cause(&self, error: GpuError) -> GpuError {
+        match error {
             GpuError::Other { .. } => self.context.wait().err().unwrap_or(error),
             error => error,
-        })
+        }
     }
 
     fn draw(
@@ -140,6 +152,17 @@ impl GpuView {
         settings: &ViewSettings,
         after: &mut dyn FnMut(&'static str),
     ) -> Result<Vec<u8>, GpuError> {
+        let look = self.prepare(volume, settings, after)?;
+        self.march(&look, settings, after)
+    }
+
+    /// Makes what a picture needs and is not there yet. Errors: `NoShader` for light that is the CPU's alone, and those of memory and loss.
+    pub(super) fn prepare(
+        &mut self,
+        volume: Option<&CloudVolume>,
+        settings: &ViewSettings,
+        after: &mut dyn FnMut(&'static str),
+    ) -> Result<Look, GpuError> {
         let look = Look::new(settings, volume.map_or([0.0; 3], |v| v.air_displacement_m));
         if look.lighting.needs_cpu() {
             return Err(GpuError::NoShader { pass: "march" });
@@ -154,9 +177,7 @@ impl GpuView {
         self.prepare_stars(&look, after)?;
         self.prepare_light(&look, after)?;
         self.prepare_sun_light(&look, key, after)?;
-        let picture = self.march(&look, settings)?;
-        after("march");
-        Ok(picture)
+        Ok(look)
     }
 
     fn prepare_phase(&mut self, look: &Look, after: &mut dyn FnMut(&'static str)) -> Result<(), GpuError> {
@@ -392,12 +413,62 @@ impl GpuView {
         Ok(())
     }
 
-    fn march(&mut self, look: &Look, settings: &ViewSettings) -> Result<Vec<u8>, GpuError> {
-        let (width, height) = (settings.width, settings.height);
+    fn march(
+        &mut self,
+        look: &Look,
+        settings: &ViewSettings,
+        after: &mut dyn FnMut(&'static str),
+    ) -> Result<Vec<u8>, GpuError> {
+        let size = [settings.width, settings.height];
+        let [width, height] = size;
         // Rows are filled up to whole words.
         let row_words = width.div_ceil(4) * 3;
         let bytes = (row_words * height) as u64 * 4;
-        let picture = fit(&self.context, &mut self.picture, "the picture", bytes)?;
+        let sampling = Sampling::new(size, row_words * height);
+        let half = self.has_cloud() && settings.sampling == ViewSampling::HalfResolution;
+        let all = bytes + if half { sampling.words() as u64 * 4 } else { 0 };
+        let picture = self.picture_buffer(all)?;
+        let stages = self.stages.clone();
+        if half {
+            let uniform = self.context.uniform("the sampling", sampling.bytes())?;
+            let sampled = [sampling.columns as usize, sampling.rows as usize];
+            let kernel = stages.samples_kernel()?;
+            self.in_bands(kernel, look, settings, sampled, &picture, Some(&uniform))?;
+            self.context.wait()?;
+            after("march");
+            let kernel = stages.upsampled_kernel()?;
+            self.in_bands(kernel, look, settings, size, &picture, Some(&uniform))?;
+        } else {
+            self.in_bands(&stages.march, look, settings, size, &picture, None)?;
+        }
+        let mut rgb8 = self.context.read(&picture, bytes)?;
+        if row_words * 4 != width * 3 {
+            for row in 1..height {
+                let from = row * row_words * 4;
+                rgb8.copy_within(from..from + width * 3, row * width * 3);
+            }
+        }
+        rgb8.truncate(width * height * 3);
+        after(if half { "upsample" } else { "march" });
+        Ok(rgb8)
+    }
+
+    /// Whether there is cloud with its light.
+    fn has_cloud(&self) -> bool {
+        matches!(self.shape, Some((_, Some(_)))) && self.sun_light.is_some()
+    }
+
+    /// Runs a kernel that binds what the march does, and a uniform of its own where it has one, on `columns` by `rows` invocations; in bands of rows, of
+    /// which the frame tells it.
+    pub(super) fn in_bands(
+        &self,
+        kernel: &Kernel,
+        look: &Look,
+        settings: &ViewSettings,
+        [columns, rows]: [usize; 2],
+        picture: &wgpu::Buffer,
+        own: Option<&wgpu::Buffer>,
+    ) -> Result<(), GpuError> {
         let (Some(noise), Some((_, air)), Some((_, sky)), Some((_, light)), Some((_, depth_scale, phase))) =
             (&self.noise, &self.air, &self.sky, &self.light, &self.phase)
         else {
@@ -407,13 +478,15 @@ impl GpuView {
         };
         let shape = self.shape.as_ref().and_then(|(_, shape)| shape.as_ref());
         let cloud = shape.zip(self.sun_light.as_ref().map(|(_, light)| light));
+        let row_words = settings.width.div_ceil(4) * 3;
         let mut frame = ViewFrame::new(look, settings, cloud.is_some(), row_words, *depth_scale);
         let blank = &self.blank;
         let (grid, words, occupancy, light_words, shadow) = match &cloud {
             Some((c, l)) => (&c.uniform, &c.words, &c.occupancy, &l.words, &l.shadow),
             None => (&self.stages.no_cloud, blank, blank, blank, blank),
         };
-        let bound = self.stages.bind_march(&[
+        let stars = self.stars.as_ref().map_or(&self.stages.no_stars, |(_, words)| words);
+        let shared = [
             &self.frame,
             light,
             grid,
@@ -424,27 +497,27 @@ impl GpuView {
             light_words,
             shadow,
             noise,
-            &picture,
-            self.stars.as_ref().map_or(&self.stages.no_stars, |(_, words)| words),
+            picture,
+            stars,
             phase,
-        ]);
-        let band = (BAND_PIXELS / width).next_multiple_of(8).max(8);
-        for first_row in (0..height).step_by(band) {
+        ];
+        let buffers: Vec<&wgpu::Buffer> = shared.into_iter().chain(own).collect();
+        let bound = kernel.bind(&self.context, &buffers);
+        let band = (BAND_PIXELS / columns).next_multiple_of(8).max(8);
+        for first_row in (0..rows).step_by(band) {
             frame.first_row = first_row as u32;
             self.context
                 .queue
                 .write_buffer(&self.frame, 0, bytemuck::bytes_of(&frame));
-            self.stages.march(&bound, width, band.min(height - first_row))?;
+            self.stages
+                .tiles(kernel, &bound, [columns, band.min(rows - first_row)])?;
         }
-        let mut rgb8 = self.context.read(&picture, bytes)?;
-        if row_words * 4 != width * 3 {
-            for row in 1..height {
-                let from = row * row_words * 4;
-                rgb8.copy_within(from..from + width * 3, row * width * 3);
-            }
-        }
-        rgb8.truncate(width * height * 3);
-        Ok(rgb8)
+        Ok(())
+    }
+
+    /// The buffer that pictures are drawn into, of at least so many bytes.
+    pub(super) fn picture_buffer(&mut self, bytes: u64) -> Result<wgpu::Buffer, GpuError> {
+        fit(&self.context, &mut self.picture, "the picture", bytes)
     }
 }
 

@@ -1,9 +1,13 @@
 //! The kernels of light and view as a list: what is compiled by whoever draws with them, this GPU device or a browser.
 
-use super::Bind;
+use std::sync::OnceLock;
+
+use super::view_layers::Layering;
 use super::view_stages::{
     Air, MARCH_PHASE, ShapeGrid, SkyLightAsk, SkyLightValues, SkyView, SunMarch, ViewFrame, VisibilitySweep,
 };
+use super::view_upsample::Sampling;
+use super::{Bind, Context, GpuError, Kernel};
 use crate::wgsl::{self, Constant, Layout};
 use Bind::{Read, Uniform, Write};
 
@@ -30,14 +34,20 @@ const MARCH: &[Bind] = &[
     Uniform, Uniform, Uniform, Read, Read, Read, Read, Read, Read, Read, Write, Uniform, Uniform,
 ];
 
+/// Those of the march and a uniform of their own.
+const SAMPLED: &[Bind] = &[
+    Uniform, Uniform, Uniform, Read, Read, Read, Read, Read, Read, Read, Write, Uniform, Uniform, Uniform,
+];
+
 macro_rules! kernels {
-    ($($name:literal $module:literal $entry:literal $binds:expr;)*) => {
-        /// All kernels of the view.
-        pub const VIEW_KERNELS: &[ViewKernel] = &[$(ViewKernel { name: $name, module: $module, entry: $entry, binds: $binds }),*];
+    ($list:ident $what:literal $($name:literal $module:literal $entry:literal $binds:expr;)*) => {
+        #[doc = $what]
+        pub const $list: &[ViewKernel] = &[$(ViewKernel { name: $name, module: $module, entry: $entry, binds: $binds }),*];
     };
 }
 
 kernels! {
+    VIEW_KERNELS "The kernels of the view that draw a picture, here or in a browser."
     "transmittance" "light/transmittance_table" "transmittance" &[Uniform, Write];
     "multiple_scattering" "light/multiple_scattering_table" "multiple_scattering" &[Uniform, Read, Write];
     "sky" "light/sky_table" "sky" TABLES;
@@ -58,6 +68,46 @@ kernels! {
     "march" "view/march" "pixels" MARCH;
 }
 
+kernels! {
+    SERVER_KERNELS "Kernels of the view that this GPU device alone runs, compiled when they are first asked for."
+    "samples" "view/upsample" "samples" SAMPLED;
+    "upsampled" "view/upsample" "upsampled" SAMPLED;
+    "layers" "view/layers" "layers" SAMPLED;
+}
+
+/// A kernel of [`SERVER_KERNELS`], compiled when it is first asked for.
+#[derive(Debug)]
+pub struct LateKernel {
+    name: &'static str,
+    made: OnceLock<Kernel>,
+}
+
+impl LateKernel {
+    /// Not compiled yet.
+    pub const fn new(name: &'static str) -> LateKernel {
+        LateKernel {
+            name,
+            made: OnceLock::new(),
+        }
+    }
+    /// The kernel. Errors: `Shader`, and those of memory and loss.
+    pub fn get(&self, context: &Context) -> Result<&Kernel, GpuError> {
+        if let Some(made) = self.made.get() {
+            return Ok(made);
+        }
+        let made = compiled(context, self.name)?;
+        Ok(self.made.get_or_init(|| made))
+    }
+}
+
+/// Compiles the kernel of that name. Errors: `Shader`, and those of memory and loss.
+pub fn compiled(context: &Context, name: &'static str) -> Result<Kernel, GpuError> {
+    let found = view_kernel(name).ok_or_else(|| GpuError::Other {
+        message: format!("there is no kernel {name}"),
+    })?;
+    Kernel::new(context, found.module, found.entry, found.binds)
+}
+
 /// Structs that the kernels bind.
 pub const VIEW_STRUCTS: &[Layout] = &[
     Air::LAYOUT,
@@ -69,11 +119,13 @@ pub const VIEW_STRUCTS: &[Layout] = &[
     SunMarch::LAYOUT,
     ViewFrame::LAYOUT,
     MARCH_PHASE,
+    Sampling::LAYOUT,
+    Layering::LAYOUT,
 ];
 
 /// The kernel of that name.
 pub fn view_kernel(name: &str) -> Option<&'static ViewKernel> {
-    VIEW_KERNELS.iter().find(|k| k.name == name)
+    VIEW_KERNELS.iter().chain(SERVER_KERNELS).find(|k| k.name == name)
 }
 
 /// Numbers of the view: the host's own, then those that WGSL is given, each once.

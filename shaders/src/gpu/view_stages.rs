@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use super::view_kernels::view_kernel;
+use super::view_kernels::{LateKernel, compiled};
 use super::{Context, GpuError, Kernel};
 use crate::cpu::light::Atmosphere;
 use crate::cpu::light::march_phase::PHASE_QUADS;
@@ -446,7 +446,10 @@ pub struct ViewStages {
     ground_shadow: Kernel,
     sunlit_share: Kernel,
     noise: [Kernel; 3],
-    march: Kernel,
+    pub(super) march: Kernel,
+    pub(super) samples: LateKernel,
+    pub(super) upsampled: LateKernel,
+    pub(super) layers: LateKernel,
     /// The grid of no cloud.
     pub no_cloud: wgpu::Buffer,
     /// A table of no stars.
@@ -468,12 +471,7 @@ impl ViewStages {
     /// Compiles all. Errors: `Shader`, and those of memory and loss.
     pub fn new(context: Arc<Context>) -> Result<ViewStages, GpuError> {
         let c = &context;
-        let kernel = |name: &'static str| {
-            let found = view_kernel(name).ok_or_else(|| GpuError::Other {
-                message: format!("there is no kernel {name}"),
-            })?;
-            Kernel::new(c, found.module, found.entry, found.binds)
-        };
+        let kernel = |name| compiled(c, name);
         Ok(ViewStages {
             transmittance: kernel("transmittance")?,
             multiple: kernel("multiple_scattering")?,
@@ -489,6 +487,9 @@ impl ViewStages {
             sunlit_share: kernel("sunlit_share")?,
             noise: [kernel("noise_values")?, kernel("noise_spread")?, kernel("noise_pack")?],
             march: kernel("march")?,
+            samples: LateKernel::new("samples"),
+            upsampled: LateKernel::new("upsampled"),
+            layers: LateKernel::new("layers"),
             no_cloud: c.uniform("no cloud", bytemuck::bytes_of(&ShapeGrid::default()))?,
             no_stars: c.uniform("no stars", &[0; 4 * STAR_WORDS])?,
             context,
@@ -500,7 +501,7 @@ impl ViewStages {
         &self.context
     }
 
-    fn submit(&self, record: impl FnOnce(&mut wgpu::ComputePass<'_>)) -> Result<(), GpuError> {
+    pub(super) fn submit(&self, record: impl FnOnce(&mut wgpu::ComputePass<'_>)) -> Result<(), GpuError> {
         let mut encoder = self.context.device.create_command_encoder(&Default::default());
         {
             let mut pass = encoder.begin_compute_pass(&Default::default());
@@ -707,16 +708,5 @@ impl ViewStages {
                 kernel.record(pass, &self.context, &[&values, &sums, words], [groups, 1, 1]);
             }
         })
-    }
-
-    /// Binds the buffers of `view/march` in its order.
-    pub fn bind_march(&self, buffers: &[&wgpu::Buffer; 13]) -> wgpu::BindGroup {
-        self.march.bind(&self.context, buffers)
-    }
-
-    /// Stage `march`: so many rows from the frame's first row on.
-    pub fn march(&self, bound: &wgpu::BindGroup, width: usize, rows: usize) -> Result<(), GpuError> {
-        let groups = [(width as u32).div_ceil(8), (rows as u32).div_ceil(8), 1];
-        self.submit(|pass| self.march.dispatch(pass, bound, groups))
     }
 }

@@ -120,19 +120,22 @@ fn secondary_march(p: vec3<f32>, t: f32) -> f32 {
     return depth;
 }
 
-fn march(d: vec3<f32>, curve: f32, ground_at: f32, turn: f32, pattern: f32) -> Met {
+/// What a ray meets before `limit_m`; a step that reaches beyond is cut there.
+fn march_before(ray: Ray, limit_m: f32) -> Met {
     var met = Met(vec3<f32>(0.0), 1.0, 0.0);
+    let d = ray.d;
+    let curve = ray.curve;
     let o = frame.position_m.xyz;
     let reach = slab(o.z, d.z, curve, shape.bottom_m);
-    let end = min(min(reach.y, ground_at), DRAW_DISTANCE_M);
+    let end = min(min(reach.y, ray.end), DRAW_DISTANCE_M);
     if (reach.x >= end) {
         return met;
     }
     // Light that was scattered once has colours, what was scattered further the colours' mean.
-    let once = phase_once(turn);
+    let once = phase_once(ray.turn);
     var phases: array<f32, OCTAVES_MAX + 1u>;
     for (var octave = 1u; octave <= frame.octaves; octave++) {
-        phases[octave] = phase_of_octave(octave, turn);
+        phases[octave] = phase_of_octave(octave, ray.turn);
     }
     let slowest = -LOG2_E * frame.depth_scale / f32(1u << frame.octaves);
     let sun = frame.marched_beam.xyz;
@@ -150,16 +153,19 @@ fn march(d: vec3<f32>, curve: f32, ground_at: f32, turn: f32, pattern: f32) -> M
     // Logarithmic segments: where cloud was met first, and by which share of the way from there they grow.
     var met_at = NEVER;
     var growth = 0.0;
-    var t = reach.x + pattern * step_m(reach.x);
+    var place = reach.x + ray.pattern * step_m(reach.x);
     for (var n = 0u; n < MARCH_STEPS_MAX; n++) {
-        if (t >= end || through <= MARCH_THROUGH_END) {
+        // A sample stands for a step around it: one whose step begins before the limit counts, from the limit's side.
+        let begun = place - ray.pattern * step_m(place);
+        if (place >= end || begun >= limit_m || through <= MARCH_THROUGH_END) {
             break;
         }
+        let t = min(place, limit_m);
         let p = vec3<f32>(d.xy * t + o.xy, t * (d.z + curve * t) + o.z);
         let empty = empty_distance_m(p);
         var step = step_m(t);
         if (empty > 0.0) {
-            t += max(step, empty);
+            place += max(step, empty);
             continue;
         }
         let thick = extinction(p, t, t < NEAR_DETAIL_M);
@@ -204,7 +210,7 @@ fn march(d: vec3<f32>, curve: f32, ground_at: f32, turn: f32, pattern: f32) -> M
                 scattered += phases[octave] * passed;
                 passed *= passed;
             }
-            let kept = exp2(thick * step * -LOG2_E);
+            let kept = exp2(thick * min(step, limit_m - begun) * -LOG2_E);
             let share = through * (1.0 - kept);
             let height = clamp((p.z - shape.bottom_m) / (shape.top_m - shape.bottom_m), 0.0, 1.0);
             once_base += share * passed;
@@ -217,7 +223,7 @@ fn march(d: vec3<f32>, curve: f32, ground_at: f32, turn: f32, pattern: f32) -> M
             weights += share;
             through *= kept;
         }
-        t += step;
+        place += step;
     }
     met.light = (once_base * once + sun_base) * light.sun_at_base.rgb
         + (once_rise * once + sun_rise) * (light.sun_at_top.rgb - light.sun_at_base.rgb)
@@ -229,29 +235,62 @@ fn march(d: vec3<f32>, curve: f32, ground_at: f32, turn: f32, pattern: f32) -> M
     return met;
 }
 
-/// Bytes as floats of the pixel whose centre is at `pixel`.
-fn draw(pixel: vec2<f32>) -> vec3<f32> {
+/// What a ray meets.
+fn march(ray: Ray) -> Met {
+    return march_before(ray, NEVER);
+}
+
+/// A ray of view.
+struct Ray {
+    d: vec3<f32>,
+    /// Height along the ray: camera + d.z t + curve t^2.
+    curve: f32,
+    /// Whether the ground is met.
+    down: bool,
+    /// Distance at which the ground is met, or at which the ray ends in the sky, m.
+    end: f32,
+    /// Cosine of what the beam is turned by towards the camera.
+    turn: f32,
+    /// Interleaved gradient noise, for the march's start and against bands.
+    pattern: f32,
+}
+
+/// The ray through the place `pixel`, pixels from the picture's upper left corner.
+fn ray_of(pixel: vec2<f32>) -> Ray {
     let size = vec2<f32>(f32(frame.width), f32(frame.height));
     let scale = frame.radians_per_pixel;
     let s = (pixel - 0.5 * size) * vec2<f32>(scale, -scale);
     let d = normalize(s.x * frame.right.xyz + s.y * frame.up.xyz + frame.ahead.xyz);
-    let o = frame.position_m.xyz;
-    // Height along the ray: o.z + d.z t + curve t^2.
+    let height = frame.position_m.z;
     let curve = (1.0 - d.z * d.z) * (0.5 / EARTH_RADIUS_M);
-    let under_root = d.z * d.z - curve * (4.0 * o.z);
+    let under_root = d.z * d.z - curve * (4.0 * height);
     let down = d.z < 0.0 && under_root >= 0.0;
     var end = SKY_DISTANCE_M;
     if (down) {
-        end = min(2.0 * o.z / max(sqrt(max(under_root, 0.0)) - d.z, 1e-9), SKY_DISTANCE_M);
+        end = min(2.0 * height / max(sqrt(max(under_root, 0.0)) - d.z, 1e-9), SKY_DISTANCE_M);
     }
+    let pattern = fract(fract(pixel.x * PATTERN_X + pixel.y * PATTERN_Y) * PATTERN_SCALE);
+    return Ray(d, curve, down, end, dot(d, frame.beam_direction.xyz), pattern);
+}
 
+/// What lies behind the cloud: radiance, the clear sky's alone, transmittance of the air to the ray's end.
+struct Behind {
+    light: vec3<f32>,
+    sky: vec3<f32>,
+    whole: vec3<f32>,
+}
+
+fn behind_of(ray: Ray) -> Behind {
+    let d = ray.d;
+    let o = frame.position_m.xyz;
+    let scale = frame.radians_per_pixel;
     // The table's lower half holds no ground: a ray that just misses the ground must not look there.
-    let looked = select(max(d.z, frame.horizon_sine + 2e-4), d.z, down);
+    let looked = select(max(d.z, frame.horizon_sine + 2e-4), d.z, ray.down);
     let sky = sky_look(vec3<f32>(d.xy, looked));
-    let whole = haze_transmittance(end, d.z);
+    let whole = haze_transmittance(ray.end, d.z);
     var seen = sky;
-    if (down) {
-        var land = ground_radiance(d.xy * end + o.xy, end);
+    if (ray.down) {
+        var land = ground_radiance(d.xy * ray.end + o.xy, ray.end);
         if (frame.sea != 0u) {
             land = mix(land, sky_look(mirrored(d)), mirror_share(d.z));
         }
@@ -280,46 +319,70 @@ fn draw(pixel: vec2<f32>) -> vec3<f32> {
             }
         }
     }
-    let turn = dot(d, frame.beam_direction.xyz);
-    // Interleaved gradient noise, for the march's start and against bands.
-    let pattern = fract(fract(pixel.x * PATTERN_X + pixel.y * PATTERN_Y) * PATTERN_SCALE);
-    if (frame.cloud != 0u) {
-        let met = march(d, curve, end, turn, pattern);
-        if (met.through < 1.0) {
-            let far = smooth_ramp((met.distance_m - DRAW_FADES_FROM_M) / (DRAW_DISTANCE_M - DRAW_FADES_FROM_M));
-            var passed = vec3<f32>(1.0);
-            var added = vec3<f32>(0.0);
-            if (frame.haze_on_cloud != 0u) {
-                passed = haze_transmittance(met.distance_m, d.z);
-                added = sky * min((1.0 - passed) / max(1.0 - whole, vec3<f32>(1e-6)), vec3<f32>(1.0));
-            }
-            let covered = (1.0 - met.through) * added + met.light * passed + seen * met.through;
-            seen = mix(seen, covered, 1.0 - far);
-        }
-        if (frame.shaft_samples > 0u) {
-            seen = max(seen - shafts_taken(d, curve, end, turn, pattern, met.distance_m, met.through), vec3<f32>(0.0));
-        }
+    return Behind(seen, sky, whole);
+}
+
+/// How far cloud at a distance has faded: 0 to 1.
+fn faded(distance_m: f32) -> f32 {
+    return smooth_ramp((distance_m - DRAW_FADES_FROM_M) / (DRAW_DISTANCE_M - DRAW_FADES_FROM_M));
+}
+
+/// Radiance of a ray: the cloud and the air before it over what lies behind.
+fn composed(ray: Ray, behind: Behind, met: Met) -> vec3<f32> {
+    var seen = behind.light;
+    if (met.through < 1.0) {
+        let air = air_to(met.distance_m, ray, behind);
+        let covered = (1.0 - met.through) * air.added + met.light * air.passed + behind.light * met.through;
+        seen = mix(behind.light, covered, 1.0 - faded(met.distance_m));
     }
+    return shaded(ray, met, ray.end, seen);
+}
+
+/// Light to `end_m` less what the clouds' shadows in the air take.
+fn shaded(ray: Ray, met: Met, end_m: f32, seen: vec3<f32>) -> vec3<f32> {
+    if (frame.shaft_samples == 0u || frame.cloud == 0u) {
+        return seen;
+    }
+    let taken = shafts_taken(ray.d, ray.curve, end_m, ray.turn, ray.pattern, met.distance_m, met.through);
+    return max(seen - taken, vec3<f32>(0.0));
+}
+
+/// Transmittance of the air to a distance, and the light that it adds.
+struct AirBetween {
+    passed: vec3<f32>,
+    added: vec3<f32>,
+}
+
+fn air_to(distance_m: f32, ray: Ray, behind: Behind) -> AirBetween {
+    if (frame.haze_on_cloud == 0u) {
+        return AirBetween(vec3<f32>(1.0), vec3<f32>(0.0));
+    }
+    let passed = haze_transmittance(distance_m, ray.d.z);
+    return AirBetween(passed, behind.sky * min((1.0 - passed) / max(1.0 - behind.whole, vec3<f32>(1e-6)), vec3<f32>(1.0)));
+}
+
+/// Factor on radiance before the tone map.
+fn exposed() -> f32 {
     let received = luminance_of(light.sun_at_ground.rgb) * max(frame.beam_direction.z, 0.0)
         + luminance_of(light.sky_irradiance.rgb);
-    return tone_map(seen, exposure(received, frame.exposure_gain, frame.night != 0u), pattern);
+    return exposure(received, frame.exposure_gain, frame.night != 0u);
+}
+
+/// Bytes as floats of the pixel whose centre is at `pixel`.
+fn draw(pixel: vec2<f32>) -> vec3<f32> {
+    let ray = ray_of(pixel);
+    let behind = behind_of(ray);
+    var seen = behind.light;
+    if (frame.cloud != 0u) {
+        seen = composed(ray, behind, march(ray));
+    }
+    return tone_map(seen, exposed(), ray.pattern);
 }
 
 var<workgroup> tile: array<u32, 64>;
 
-@compute @workgroup_size(8, 8)
-fn pixels(
-    @builtin(global_invocation_id) id: vec3<u32>,
-    @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(local_invocation_index) thread: u32,
-) {
-    let y = id.y + frame.first_row;
-    if (id.x < frame.width && y < frame.height) {
-        let c = vec3<u32>(draw(vec2<f32>(f32(id.x), f32(y)) + 0.5));
-        tile[thread] = c.r | (c.g << 8u) | (c.b << 16u);
-    } else {
-        tile[thread] = 0u;
-    }
+/// Writes the bytes of a workgroup's 8 x 8 pixels, each given in `tile`.
+fn pack(group: vec3<u32>, thread: u32) {
     workgroupBarrier();
     // Eight pixels make six words.
     if (thread < 48u) {
@@ -334,4 +397,24 @@ fn pixels(
             picture[line * frame.row_words + column] = (tile[first] >> skipped) | (tile[first + 1u] << (24u - skipped));
         }
     }
+}
+
+/// Bytes in a word.
+fn in_word(rgb: vec3<f32>) -> u32 {
+    let c = vec3<u32>(rgb);
+    return c.r | (c.g << 8u) | (c.b << 16u);
+}
+
+@compute @workgroup_size(8, 8)
+fn pixels(
+    @builtin(global_invocation_id) id: vec3<u32>,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let y = id.y + frame.first_row;
+    tile[thread] = 0u;
+    if (id.x < frame.width && y < frame.height) {
+        tile[thread] = in_word(draw(vec2<f32>(f32(id.x), f32(y)) + 0.5));
+    }
+    pack(group, thread);
 }

@@ -5,7 +5,7 @@
 //! CPU device, which has every rung.
 
 mod flip;
-mod scenes;
+pub(super) mod scenes;
 mod slabs;
 
 use std::path::{Path, PathBuf};

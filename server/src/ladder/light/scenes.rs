@@ -6,11 +6,11 @@ use welkin_shaders::cpu::view::ViewSettings;
 use crate::clouds::{ball, cumulus_field, settings, sun};
 
 /// One picture.
-pub(super) struct Picture {
-    pub(super) name: &'static str,
-    pub(super) what: &'static str,
-    pub(super) volume: CloudVolume,
-    pub(super) settings: ViewSettings,
+pub(in crate::ladder) struct Picture {
+    pub(in crate::ladder) name: &'static str,
+    pub(in crate::ladder) what: &'static str,
+    pub(in crate::ladder) volume: CloudVolume,
+    pub(in crate::ladder) settings: ViewSettings,
 }
 
 fn thinned(mut volume: CloudVolume, factor: f32) -> CloudVolume {
@@ -19,7 +19,7 @@ fn thinned(mut volume: CloudVolume, factor: f32) -> CloudVolume {
 }
 
 /// All of them, `width` by `height` pixels.
-pub(super) fn all(width: usize, height: usize) -> Vec<Picture> {
+pub(in crate::ladder) fn all(width: usize, height: usize) -> Vec<Picture> {
     let base = settings(width, height);
     let picture = |name, what, volume, settings| Picture {
         name,

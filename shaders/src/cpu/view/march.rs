@@ -221,182 +221,371 @@ impl Frame<'_> {
     }
 }
 
+/// Where a picture goes: whole rows, at most [`PACKET_ROWS`] of them.
+pub(super) enum Out<'a> {
+    /// RGB bytes.
+    Bytes(&'a mut [u8]),
+    /// Radiance of three colours, before exposure and tone map.
+    Radiance(&'a mut [[f32; 3]]),
+}
+
 /// Draws rows `first_row ..` into `out` (RGB, whole rows, at most [`PACKET_ROWS`]).
+pub fn draw_rows(frame: &Frame<'_>, first_row: usize, out: &mut [u8]) {
+    march_rows(frame, first_row, Out::Bytes(out));
+}
+
+/// As [`draw_rows`], but gives radiance: three floats a pixel, before exposure and tone map.
+pub fn radiance_rows(frame: &Frame<'_>, first_row: usize, out: &mut [[f32; 3]]) {
+    march_rows(frame, first_row, Out::Radiance(out));
+}
+
+fn march_rows(frame: &Frame<'_>, first_row: usize, mut out: Out<'_>) {
+    for first_column in (0..frame.width).step_by(LANES / PACKET_ROWS) {
+        let rays = Rays::of_packet(frame, first_column, first_row);
+        let met = if frame.cloud.is_some() {
+            met_by(frame, &rays)
+        } else {
+            Met::NOTHING
+        };
+        finish_packet(frame, first_column, first_row, &met, &mut out);
+    }
+}
+
+// What is compiled once for each instruction set: all pictures call these, a packet at a time.
+
+/// What sixteen rays meet in the cloud; nothing where there is none.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma",
     "x86_64+avx2+fma",
     "aarch64+neon"
 ))]
-pub fn draw_rows(frame: &Frame<'_>, first_row: usize, out: &mut [u8]) {
-    let row_bytes = frame.width * 3;
-    for first_column in (0..frame.width).step_by(LANES / PACKET_ROWS) {
-        let column = |l: usize| (first_column + l % 4).min(frame.width - 1);
-        let row = |l: usize| (first_row + l / 4).min(frame.height - 1);
-        let px = Lanes::from_fn(|l| column(l) as f32 + 0.5);
-        let py = Lanes::from_fn(|l| row(l) as f32 + 0.5);
-        let (light, pattern) = packet(frame, px, py);
-        let rgb = tone_map::tone_map(light, frame.exposure, pattern);
-        for l in 0..LANES {
-            let (x, y) = (first_column + l % 4, l / 4);
-            if x < frame.width && (y + 1) * row_bytes <= out.len() {
-                for c in 0..3 {
-                    out[y * row_bytes + x * 3 + c] = rgb[c].0[l] as u8;
+pub(super) fn met_by(frame: &Frame<'_>, rays: &Rays) -> Met {
+    match frame.cloud {
+        Some((shape, sun_light)) => march::<false>(frame, shape, sun_light, rays, Lanes::splat(f32::MAX)),
+        None => Met::NOTHING,
+    }
+}
+
+/// The same, but for what lies behind `limit_m`; a step that reaches beyond is cut there.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma",
+    "x86_64+avx2+fma",
+    "aarch64+neon"
+))]
+pub(super) fn met_before(frame: &Frame<'_>, rays: &Rays, limit_m: &Lanes) -> Met {
+    match frame.cloud {
+        Some((shape, sun_light)) => march::<true>(frame, shape, sun_light, rays, *limit_m),
+        None => Met::NOTHING,
+    }
+}
+
+/// What lies behind the cloud of sixteen rays.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma",
+    "x86_64+avx2+fma",
+    "aarch64+neon"
+))]
+pub(super) fn behind(frame: &Frame<'_>, rays: &Rays) -> Behind {
+    Behind::new(frame, rays)
+}
+
+/// Sky, ground, haze and the picture's numbers of sixteen pixels whose cloud is known.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma",
+    "x86_64+avx2+fma",
+    "aarch64+neon"
+))]
+pub(super) fn finish_packet(frame: &Frame<'_>, first_column: usize, first_row: usize, met: &Met, out: &mut Out<'_>) {
+    let width = frame.width;
+    let rays = Rays::of_packet(frame, first_column, first_row);
+    let behind = behind(frame, &rays);
+    let light = composed(frame, &rays, &behind, met);
+    match out {
+        Out::Bytes(bytes) => {
+            let rgb = tone_map::tone_map(light, frame.exposure, rays.pattern);
+            for l in 0..LANES {
+                let (x, y) = (first_column + l % 4, l / 4);
+                if x < width && (y + 1) * width * 3 <= bytes.len() {
+                    for c in 0..3 {
+                        bytes[(y * width + x) * 3 + c] = rgb[c].0[l] as u8;
+                    }
+                }
+            }
+        }
+        Out::Radiance(values) => {
+            for l in 0..LANES {
+                let (x, at) = (first_column + l % 4, l / 4 * width + first_column + l % 4);
+                if x < width && at < values.len() {
+                    values[at] = [light[0].0[l], light[1].0[l], light[2].0[l]];
                 }
             }
         }
     }
 }
 
-/// As [`draw_rows`], but gives radiance: three floats a pixel, before exposure and tone map.
-#[multiversion(targets(
-    "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma",
-    "x86_64+avx2+fma",
-    "aarch64+neon"
-))]
-pub fn radiance_rows(frame: &Frame<'_>, first_row: usize, out: &mut [[f32; 3]]) {
-    for first_column in (0..frame.width).step_by(LANES / PACKET_ROWS) {
+/// Sixteen rays of view.
+pub(super) struct Rays {
+    /// Unit vectors.
+    pub(super) d: [Lanes; 3],
+    /// Height along the ray: camera + d.z t + curve t^2.
+    curve: Lanes,
+    /// 1 where the ground is met, else 0.
+    down: Lanes,
+    /// Distance at which the ground is met, or at which the ray ends in the sky, m.
+    pub(super) end: Lanes,
+    /// Cosine of what the beam is turned by towards the camera.
+    turn: Lanes,
+    /// Pattern of the pixels: interleaved gradient noise (Jimenez 2014), for the march's start and against bands.
+    pub(super) pattern: Lanes,
+}
+
+impl Rays {
+    /// Through the pixels of a packet; those beyond the picture's edge are the last ones again.
+    #[inline(always)]
+    pub(super) fn of_packet(frame: &Frame<'_>, first_column: usize, first_row: usize) -> Rays {
         let px = Lanes::from_fn(|l| (first_column + l % 4).min(frame.width - 1) as f32 + 0.5);
         let py = Lanes::from_fn(|l| (first_row + l / 4).min(frame.height - 1) as f32 + 0.5);
-        let (light, _) = packet(frame, px, py);
-        for l in 0..LANES {
-            let (x, at) = (first_column + l % 4, l / 4 * frame.width + first_column + l % 4);
-            if x < frame.width && at < out.len() {
-                out[at] = [light[0].0[l], light[1].0[l], light[2].0[l]];
-            }
+        Rays::new(frame, px, py)
+    }
+    /// Through places of the picture, pixels from its upper left corner.
+    #[inline(always)]
+    pub(super) fn new(frame: &Frame<'_>, px: Lanes, py: Lanes) -> Rays {
+        let zero = Lanes::splat(0.0);
+        let one = Lanes::splat(1.0);
+        let scale = 2.0 * frame.half_height / frame.height as f32;
+        let sx = (px - frame.width as f32 * 0.5) * scale;
+        let sy = (py - frame.height as f32 * 0.5) * -scale;
+        let [right, up, ahead] = frame.axes;
+        let mut d = [sx; 3];
+        for a in 0..3 {
+            d[a] = sx * right[a] + sy * up[a] + ahead[a];
+        }
+        let inverse = one / (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
+        for v in &mut d {
+            *v = *v * inverse;
+        }
+        let oz = frame.position_m[2];
+        let curve = (one - d[2] * d[2]) * (0.5 / EARTH_RADIUS_M);
+        let under_root = d[2] * d[2] - curve * (4.0 * oz);
+        let down = Lanes::select_less(d[2], zero, Lanes::select_less(under_root, zero, zero, one), zero);
+        let ground_at = Lanes::splat(2.0 * oz) / (under_root.sqrt() - d[2]).max(Lanes::splat(1e-9));
+        let sky_end = Lanes::splat(SKY_DISTANCE_M);
+        let beam = frame.beam_direction;
+        Rays {
+            curve,
+            down,
+            end: Lanes::select_less(zero, down, ground_at.min(sky_end), sky_end),
+            turn: d[0] * beam[0] + d[1] * beam[1] + d[2] * beam[2],
+            pattern: pattern(px, py),
+            d,
         }
     }
 }
 
-/// Radiance of sixteen pixels, and the pattern against bands.
+/// Interleaved gradient noise (Jimenez 2014) of the pixels at these places, 0 to 1.
 #[inline(always)]
-fn packet(frame: &Frame<'_>, px: Lanes, py: Lanes) -> ([Lanes; 3], Lanes) {
+pub(super) fn pattern(px: Lanes, py: Lanes) -> Lanes {
+    let pattern = ((px * PATTERN_X + py * PATTERN_Y).fraction() * PATTERN_SCALE).fraction();
+    pattern.clamp(0.0, 1.0)
+}
+
+/// What lies behind the cloud.
+pub(super) struct Behind {
+    /// Radiance of sky, ground, sun, moon and stars through the air.
+    pub(super) light: [Lanes; 3],
+    /// Radiance of the clear sky.
+    sky: [Lanes; 3],
+    /// Transmittance of the air to the ray's end.
+    whole: [Lanes; 3],
+}
+
+impl Behind {
+    /// Of sixteen rays.
+    #[inline(always)]
+    fn new(frame: &Frame<'_>, rays: &Rays) -> Behind {
+        let zero = Lanes::splat(0.0);
+        let one = Lanes::splat(1.0);
+        let Rays { d, down, end, .. } = *rays;
+        let [ox, oy, _] = frame.position_m;
+        // The table's lower half holds no ground: a ray that just misses the ground must not look there.
+        let above = d[2].max(Lanes::splat(frame.sky.horizon_sine + 2e-4));
+        let sky = frame.sky_look(&[d[0], d[1], Lanes::select_less(zero, down, d[2], above)]);
+        let whole = frame.haze.transmittance(end, d[2]);
+        let mut light = sky;
+        if down.any_above(0.0) {
+            let cloud = if frame.shadow { frame.cloud } else { None };
+            let (gx, gy) = (d[0] * end + ox, d[1] * end + oy);
+            let mut land = ground::radiance(
+                frame.ground,
+                frame.light,
+                cloud,
+                frame.noise,
+                frame.beam_direction,
+                gx,
+                gy,
+                end,
+            );
+            if frame.ground == Ground::Sea {
+                let mirrored = frame.sky_look(&ground::mirrored(&d));
+                let share = ground::mirror_share(d[2]);
+                for c in 0..3 {
+                    land[c] = land[c].lerp(mirrored[c], share);
+                }
+            }
+            for c in 0..3 {
+                light[c] = light[c] + land[c] * whole[c] * down;
+            }
+        }
+        let beyond = frame.beyond_air(&d, one - down);
+        for c in 0..3 {
+            light[c] = light[c] + beyond[c];
+        }
+        Behind { light, sky, whole }
+    }
+}
+
+/// Radiance of sixteen rays: the cloud and the air before it over what lies behind.
+#[inline(always)]
+pub(super) fn composed(frame: &Frame<'_>, rays: &Rays, behind: &Behind, cloud: &Met) -> [Lanes; 3] {
     let zero = Lanes::splat(0.0);
     let one = Lanes::splat(1.0);
-    let scale = 2.0 * frame.half_height / frame.height as f32;
-    let sx = (px - frame.width as f32 * 0.5) * scale;
-    let sy = (py - frame.height as f32 * 0.5) * -scale;
-    let [right, up, ahead] = frame.axes;
-    let mut d = [sx; 3];
-    for a in 0..3 {
-        d[a] = sx * right[a] + sy * up[a] + ahead[a];
-    }
-    let inverse = one / (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
-    for v in &mut d {
-        *v = *v * inverse;
-    }
-    let [ox, oy, oz] = frame.position_m;
-    // Height along the ray: oz + d.z t + curve t^2.
-    let curve = (one - d[2] * d[2]) * (0.5 / EARTH_RADIUS_M);
-    let under_root = d[2] * d[2] - curve * (4.0 * oz);
-    let down = Lanes::select_less(d[2], zero, Lanes::select_less(under_root, zero, zero, one), zero);
-    let ground_at = Lanes::splat(2.0 * oz) / (under_root.sqrt() - d[2]).max(Lanes::splat(1e-9));
-    let sky_end = Lanes::splat(SKY_DISTANCE_M);
-    let end = Lanes::select_less(zero, down, ground_at.min(sky_end), sky_end);
-
-    // The table's lower half holds no ground: a ray that just misses the ground must not look there.
-    let above = d[2].max(Lanes::splat(frame.sky.horizon_sine + 2e-4));
-    let sky = frame.sky_look(&[d[0], d[1], Lanes::select_less(zero, down, d[2], above)]);
-    let whole = frame.haze.transmittance(end, d[2]);
-    let mut light = sky;
-    if down.any_above(0.0) {
-        let cloud = if frame.shadow { frame.cloud } else { None };
-        let (gx, gy) = (d[0] * end + ox, d[1] * end + oy);
-        let mut land = ground::radiance(
-            frame.ground,
-            frame.light,
-            cloud,
-            frame.noise,
-            frame.beam_direction,
-            gx,
-            gy,
-            end,
-        );
-        if frame.ground == Ground::Sea {
-            let mirrored = frame.sky_look(&ground::mirrored(&d));
-            let share = ground::mirror_share(d[2]);
-            for c in 0..3 {
-                land[c] = land[c].lerp(mirrored[c], share);
-            }
-        }
+    let mut light = behind.light;
+    if (one - cloud.through).any_above(0.0) {
+        let kept = one - faded(cloud.distance_m);
+        let between = frame.haze.transmittance(cloud.distance_m, rays.d[2]);
         for c in 0..3 {
-            light[c] = light[c] + land[c] * whole[c] * down;
-        }
-    }
-    let beyond = frame.beyond_air(&d, one - down);
-    for c in 0..3 {
-        light[c] = light[c] + beyond[c];
-    }
-    // What of the beam is turned towards here.
-    let beam = frame.beam_direction;
-    let turn = d[0] * beam[0] + d[1] * beam[1] + d[2] * beam[2];
-    // Pattern of the pixels: interleaved gradient noise (Jimenez 2014), for the march's start and against bands.
-    let pattern = ((px * PATTERN_X + py * PATTERN_Y).fraction() * PATTERN_SCALE)
-        .fraction()
-        .clamp(0.0, 1.0);
-
-    if let Some((shape, sun_light)) = frame.cloud {
-        let cloud = march(frame, shape, sun_light, &d, curve, end, turn, pattern);
-        if (one - cloud.through).any_above(0.0) {
-            let far =
-                ((cloud.distance_m - DRAW_FADES_FROM_M) * (1.0 / (DRAW_DISTANCE_M - DRAW_FADES_FROM_M))).smoothstep();
-            let kept = one - far;
-            let between = frame.haze.transmittance(cloud.distance_m, d[2]);
-            for c in 0..3 {
-                let (t, added) = if frame.haze_on_cloud {
-                    let share = (one - between[c]) / (one - whole[c]).max(Lanes::splat(1e-6));
-                    (between[c], sky[c] * share.min(one))
-                } else {
-                    (one, zero)
-                };
-                let covered = (one - cloud.through) * added + cloud.light[c] * t + light[c] * cloud.through;
-                light[c] = light[c].lerp(covered, kept);
-            }
-        }
-        if frame.shaft_samples > 0 {
-            let ray = ShaftRay {
-                rise: d[2],
-                curve,
-                end_m: end,
-                turn,
-                pattern,
-                cloud_m: cloud.distance_m,
-                through: cloud.through,
+            let (t, added) = if frame.haze_on_cloud {
+                let share = (one - between[c]) / (one - behind.whole[c]).max(Lanes::splat(1e-6));
+                (between[c], behind.sky[c] * share.min(one))
+            } else {
+                (one, zero)
             };
-            let taken = light_shafts::taken(
-                frame.shaft_samples,
-                (&frame.haze, frame.light),
-                beam,
-                (shape, sun_light),
-                frame.position_m,
-                &d,
-                &ray,
-            );
-            for c in 0..3 {
-                light[c] = (light[c] - taken[c]).max(zero);
-            }
+            let covered = (one - cloud.through) * added + cloud.light[c] * t + light[c] * cloud.through;
+            light[c] = light[c].lerp(covered, kept);
         }
     }
-    (light, pattern)
+    shaded(frame, rays, cloud, rays.end, &mut light);
+    light
+}
+
+/// Takes from the light to `end_m` what the clouds' shadows in the air take.
+#[inline(always)]
+fn shaded(frame: &Frame<'_>, rays: &Rays, cloud: &Met, end_m: Lanes, light: &mut [Lanes; 3]) {
+    let Some(shone_on) = frame.cloud.filter(|_| frame.shaft_samples > 0) else {
+        return;
+    };
+    let ray = ShaftRay {
+        rise: rays.d[2],
+        curve: rays.curve,
+        end_m,
+        turn: rays.turn,
+        pattern: rays.pattern,
+        cloud_m: cloud.distance_m,
+        through: cloud.through,
+    };
+    let taken = light_shafts::taken(
+        frame.shaft_samples,
+        (&frame.haze, frame.light),
+        frame.beam_direction,
+        shone_on,
+        frame.position_m,
+        &rays.d,
+        &ray,
+    );
+    for c in 0..3 {
+        light[c] = (light[c] - taken[c]).max(Lanes::splat(0.0));
+    }
+}
+
+/// Light from before objects at `limit_m`, and the share of the objects' own light that passes cloud and air; three colours each.
+#[inline(always)]
+pub(super) fn composed_before(
+    frame: &Frame<'_>,
+    rays: &Rays,
+    behind: &Behind,
+    cloud: &Met,
+    limit_m: Lanes,
+) -> ([Lanes; 3], [Lanes; 3]) {
+    let one = Lanes::splat(1.0);
+    let kept = one - faded(cloud.distance_m);
+    let (mut light, mut through) = ([one; 3], [one; 3]);
+    let [to_cloud, to_object] = [cloud.distance_m, limit_m].map(|d| frame.haze.transmittance(d, rays.d[2]));
+    for c in 0..3 {
+        let air = |passed: Lanes| {
+            if !frame.haze_on_cloud {
+                return (one, Lanes::splat(0.0));
+            }
+            let share = (one - passed) / (one - behind.whole[c]).max(Lanes::splat(1e-6));
+            (passed, behind.sky[c] * share.min(one))
+        };
+        let (cloud_passes, cloud_air) = air(to_cloud[c]);
+        let (object_passes, object_air) = air(to_object[c]);
+        let covered = (one - cloud.through) * cloud_air + cloud.light[c] * cloud_passes + object_air * cloud.through;
+        light[c] = object_air.lerp(covered, kept);
+        through[c] = object_passes.lerp(object_passes * cloud.through, kept);
+    }
+    shaded(frame, rays, cloud, limit_m, &mut light);
+    (light, through)
+}
+
+/// How far cloud at a distance has faded: 0 to 1.
+#[inline(always)]
+pub(super) fn faded(distance_m: Lanes) -> Lanes {
+    ((distance_m - DRAW_FADES_FROM_M) * (1.0 / (DRAW_DISTANCE_M - DRAW_FADES_FROM_M))).smoothstep()
 }
 
 /// What a packet met in the cloud.
-struct Met {
-    light: [Lanes; 3],
-    through: Lanes,
-    distance_m: Lanes,
+#[derive(Clone, Copy)]
+pub(super) struct Met {
+    /// Radiance of the cloud, as if no air lay before it.
+    pub(super) light: [Lanes; 3],
+    /// Transmittance.
+    pub(super) through: Lanes,
+    /// Mean distance of the cloud, weighted by what it hides of what lies behind, m; 0 where there is none.
+    pub(super) distance_m: Lanes,
 }
 
+impl Met {
+    /// Of rays that meet none.
+    pub(super) const NOTHING: Met = Met {
+        light: [Lanes([0.0; LANES]); 3],
+        through: Lanes([1.0; LANES]),
+        distance_m: Lanes([0.0; LANES]),
+    };
+    /// Light, transmittance, distance.
+    #[inline(always)]
+    pub(super) fn numbers(&self) -> [Lanes; 5] {
+        let [red, green, blue] = self.light;
+        [red, green, blue, self.through, self.distance_m]
+    }
+    /// Takes over another packet's ray.
+    #[inline(always)]
+    pub(super) fn take(&mut self, lane: usize, other: &Met, from: usize) {
+        for c in 0..3 {
+            self.light[c].0[lane] = other.light[c].0[from];
+        }
+        self.through.0[lane] = other.through.0[from];
+        self.distance_m.0[lane] = other.distance_m.0[from];
+    }
+}
+
+/// Rays through the cloud; `LIMITED` ones end at `limit_m`.
 #[inline(always)]
-fn march(
+fn march<const LIMITED: bool>(
     frame: &Frame<'_>,
     shape: &Shape,
     sun_light: &SunLight,
-    d: &[Lanes; 3],
-    curve: Lanes,
-    ground_at: Lanes,
-    turn: Lanes,
-    pattern: Lanes,
+    rays: &Rays,
+    limit_m: Lanes,
 ) -> Met {
+    let Rays {
+        d,
+        curve,
+        end: ground_at,
+        turn,
+        pattern,
+        ..
+    } = *rays;
     let zero = Lanes::splat(0.0);
     let one = Lanes::splat(1.0);
     let [ox, oy, oz] = frame.position_m;
@@ -438,17 +627,27 @@ fn march(
     let (depth_of_step, segments) = frame.steps;
     // Logarithmic segments: where cloud was met first, and by which share of the way from there they grow.
     let (mut met_at, mut growth) = (Lanes::splat(f32::MAX), zero);
-    let mut t = first + pattern * step_m(first);
+    let mut place = first + pattern * step_m(first);
     for _ in 0..MARCH_STEPS_MAX {
+        let t = place;
         let alive = Lanes::select_less(
             t,
             end,
             Lanes::select_less(Lanes::splat(MARCH_THROUGH_END), through, one, zero),
             zero,
         );
+        // A sample stands for a step around it: one whose step begins before the limit counts, from the limit's side.
+        let begun = t - pattern * step_m(t);
+        let alive = if LIMITED {
+            Lanes::select_less(begun, limit_m, alive, zero)
+        } else {
+            alive
+        };
         if !alive.any_above(0.0) {
             break;
         }
+        let advanced = t;
+        let t = if LIMITED { t.min(limit_m) } else { t };
         let p = [d[0] * t + ox, d[1] * t + oy, t * (d[2] + curve * t) + oz];
         let empty = shape.empty_distance_m(p[0], p[1], p[2]);
         let mut step = step_m(t);
@@ -509,10 +708,11 @@ fn march(
                     let onward = (depth * (-std::f32::consts::LOG2_E * diffuse.similarity)).exp2();
                     let (cover, amplitude) = shape.sample(p[0], p[1], p[2]);
                     let mean = shape.mean_extinction(cover, amplitude, frame.detail.is_some());
-                    let fluence = diffuse.towards(shape, &p, d, mean);
+                    let fluence = diffuse.towards(shape, &p, &d, mean);
                     scattered = phases[1] * (onward - passed) + fluence * (0.25 / std::f32::consts::PI);
                 }
-                let kept = (extinction * step * -std::f32::consts::LOG2_E).exp2();
+                let length = if LIMITED { step.min(limit_m - begun) } else { step };
+                let kept = (extinction * length * -std::f32::consts::LOG2_E).exp2();
                 let share = through * (one - kept);
                 let height = ((p[2] - shape.bottom_m) * per_depth).clamp(0.0, 1.0);
                 once_base = once_base + share * passed;
@@ -527,7 +727,8 @@ fn march(
             }
         }
         // A ray that has ended goes on with its packet: bounded, for farther and farther from the slab it would leap to infinity.
-        t = (t + Lanes::select_less(zero, empty, step.max(empty), step)).min(Lanes::splat(2.0 * DRAW_DISTANCE_M));
+        let leap = Lanes::select_less(zero, empty, step.max(empty), step);
+        place = (advanced + leap).min(Lanes::splat(2.0 * DRAW_DISTANCE_M));
     }
     let light = frame.light;
     for c in 0..3 {
@@ -537,7 +738,8 @@ fn march(
             + from_ground
                 * (0.5 * light.ground_radiance[c] * (1.0 - COVERED_GROUND + COVERED_GROUND * sun_light.sunlit_share));
     }
-    met.through = ((through - MARCH_THROUGH_END) * (1.0 / (1.0 - MARCH_THROUGH_END))).clamp(0.0, 1.0);
+    // Divided, so that a ray that met nothing keeps exactly 1 and costs no haze.
+    met.through = ((through - MARCH_THROUGH_END) / Lanes::splat(1.0 - MARCH_THROUGH_END)).clamp(0.0, 1.0);
     met.distance_m = distance / weights.max(Lanes::splat(1e-6));
     met
 }

@@ -1,18 +1,21 @@
 //! Pictures on the CPU device: from a cloud volume and a camera to RGB bytes.
 //!
 //! Stages in order: `shape` with `occupancy`, `detail_noise`, the light stages of [`crate::cpu::light`], then for each packet of rays `march`
-//! with `ground`, `haze`, `light_shafts` and `tone_map`. Tables are kept in [`Prepared`] and made again only when what they depend on changes.
+//! with `ground`, `haze`, `light_shafts` and `tone_map`, or for fewer pixels with `upsample` or `reproject`. Tables are kept in [`Prepared`] and made again only when what they depend on changes.
 //! The same input gives the same bytes whatever the number of threads.
 
 pub mod detail_noise;
 pub mod ground;
 pub mod haze;
 pub mod lanes;
+pub mod layers;
 pub mod light_shafts;
 pub mod march;
 pub mod occupancy;
+pub mod reproject;
 pub mod shape;
 pub mod tone_map;
+pub mod upsample;
 
 use rayon::prelude::*;
 
@@ -32,15 +35,18 @@ use crate::cpu::light::sun_map::SunMap;
 use crate::cpu::light::sun_optical_depth::SunLight;
 use crate::cpu::light::transmittance_table::TransmittanceTable;
 pub use crate::view::{
-    Detail, Ground, Lighting, MapKind, MoonPlace, Scattering, StarPlaces, SunOcclusion, ViewSettings,
+    Detail, Ground, Lighting, MapKind, MoonPlace, Scattering, StarPlaces, SunOcclusion, ViewSampling, ViewSettings,
 };
 use crate::view::{DiffuseKey, LightKey, Look, SkyKey, SunLightKey, SunMapKey, fingerprint};
 use detail_noise::DetailNoise;
 use haze::Haze;
 use lanes::Lanes;
-use march::{Frame, Occlusion, PACKET_ROWS};
+use layers::Layer;
+use march::{Frame, Occlusion, Out, PACKET_ROWS};
+use reproject::History;
 use shape::Shape;
 use tone_map::luminance;
+use upsample::Samples;
 
 /// Tables kept from one picture to the next.
 #[derive(Default)]
@@ -56,6 +62,7 @@ pub struct Prepared {
     sun_light: Option<(SunLightKey, SunLight)>,
     sun_map: Option<(SunMapKey, SunMap)>,
     diffuse: Option<(DiffuseKey, Diffuse)>,
+    samples: Samples,
 }
 
 struct CloudShape {
@@ -67,6 +74,10 @@ impl Prepared {
     /// Nothing made yet.
     pub fn new() -> Prepared {
         Prepared::default()
+    }
+    /// Rays that the last picture marched through the cloud.
+    pub fn marched(&self) -> u64 {
+        self.samples.marched()
     }
 }
 
@@ -89,15 +100,58 @@ pub fn render_watched(
         return picture;
     }
     let look = prepare(volume, settings, prepared, after);
-    let Some(frame) = prepared.frame(&look, settings) else {
-        return picture;
+    let mut samples = std::mem::take(&mut prepared.samples);
+    if let Some(frame) = prepared.frame(&look, settings) {
+        if settings.sampling == ViewSampling::HalfResolution && frame.cloud.is_some() {
+            upsample::march_samples(&frame, &mut samples);
+            after("march");
+            upsample::draw(&frame, &mut samples, Out::Bytes(&mut picture));
+            after("upsample");
+        } else {
+            picture
+                .par_chunks_mut(PACKET_ROWS * width * 3)
+                .enumerate()
+                .for_each(|(n, rows)| march::draw_rows(&frame, n * PACKET_ROWS, rows));
+            samples.all_marched(&frame);
+            after("march");
+        }
+    }
+    prepared.samples = samples;
+    picture
+}
+
+/// As [`render_watched`], but of a viewer who sees one picture after another: where the settings say so it builds on what the last one left in `history`.
+pub fn render_live(
+    volume: Option<&CloudVolume>,
+    settings: &ViewSettings,
+    history: &mut History,
+    prepared: &mut Prepared,
+    after: &mut dyn FnMut(&'static str),
+) -> Vec<u8> {
+    let Some(cell) = settings
+        .sampling
+        .cell()
+        .filter(|_| settings.width * settings.height > 0)
+    else {
+        return render_watched(volume, settings, prepared, after);
     };
-    picture
-        .par_chunks_mut(PACKET_ROWS * width * 3)
-        .enumerate()
-        .for_each(|(n, rows)| march::draw_rows(&frame, n * PACKET_ROWS, rows));
-    after("march");
-    picture
+    let look = prepare(volume, settings, prepared, after);
+    let mut samples = std::mem::take(&mut prepared.samples);
+    let mut picture = vec![0u8; settings.width * settings.height * 3];
+    let frame = prepared.frame(&look, settings).filter(|frame| frame.cloud.is_some());
+    let drawn = frame.is_some();
+    if let Some(frame) = frame {
+        let displacement_m = volume.map_or([0.0; 3], |v| v.air_displacement_m);
+        reproject::draw(&frame, &look, displacement_m, cell, history, &mut samples, &mut picture);
+        after("reproject");
+    }
+    prepared.samples = samples;
+    if drawn {
+        return picture;
+    }
+    // A sky without cloud leaves nothing to the next.
+    history.forget();
+    render_watched(volume, settings, prepared, after)
 }
 
 /// As [`render`], but gives radiance relative to the sun's irradiance above the air, three floats a pixel, before exposure and tone map.
@@ -108,13 +162,40 @@ pub fn radiance(volume: Option<&CloudVolume>, settings: &ViewSettings, prepared:
         return pixels;
     }
     let look = prepare(volume, settings, prepared, &mut |_| {});
+    let mut samples = std::mem::take(&mut prepared.samples);
     if let Some(frame) = prepared.frame(&look, settings) {
-        pixels
-            .par_chunks_mut(PACKET_ROWS * width)
-            .enumerate()
-            .for_each(|(n, rows)| march::radiance_rows(&frame, n * PACKET_ROWS, rows));
+        if settings.sampling == ViewSampling::HalfResolution && frame.cloud.is_some() {
+            upsample::march_samples(&frame, &mut samples);
+            upsample::draw(&frame, &mut samples, Out::Radiance(&mut pixels));
+        } else {
+            pixels
+                .par_chunks_mut(PACKET_ROWS * width)
+                .enumerate()
+                .for_each(|(n, rows)| march::radiance_rows(&frame, n * PACKET_ROWS, rows));
+            samples.all_marched(&frame);
+        }
     }
+    prepared.samples = samples;
     pixels
+}
+
+/// What a client needs to put objects into a picture (stage `layers`), a layer a pixel, rows from the top; `objects_m` holds the distance of its objects along each
+/// pixel's ray, m, if it has any. Every pixel is marched, whatever the settings say.
+pub fn layers(
+    volume: Option<&CloudVolume>,
+    settings: &ViewSettings,
+    objects_m: Option<&[f32]>,
+    prepared: &mut Prepared,
+    after: &mut dyn FnMut(&'static str),
+) -> Vec<Layer> {
+    if settings.width * settings.height == 0 {
+        return Vec::new();
+    }
+    let look = prepare(volume, settings, prepared, after);
+    let frame = prepared.frame(&look, settings);
+    let drawn = frame.map(|frame| layers::draw(&frame, objects_m)).unwrap_or_default();
+    after("layers");
+    drawn
 }
 
 /// Adds `samples` paths a pixel to a film of the same picture (stage `path_tracer`); `albedo` is the share of extinction by cloud that is scattering.
