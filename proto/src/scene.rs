@@ -112,6 +112,8 @@ pub enum Scattering {
     MultipleForward,
     /// Light diffuses: the nearest to traced paths in thick cloud; on the CPU alone. The effect's octaves are not looked at.
     Diffusion,
+    /// Light of orders from 2 on as in a level slab fitted to the cloud around, from tables of photons followed through slabs; on the CPU alone. The effect's octaves are not looked at.
+    Slab,
 }
 
 /// See [`Methods::view_steps`].

@@ -5,6 +5,7 @@ mod ladder;
 mod render;
 mod run;
 mod serve;
+mod tables;
 mod validate;
 
 use std::ffi::OsString;
@@ -42,6 +43,7 @@ Examples:
   welkin scenes                                  the presets, one line each
   welkin validate --quick                        published cases, figures beside ours
   welkin ladder dynamics --quick                 what accuracy costs
+  welkin tables --out slab-tables.bin            light in slabs of cloud, photon by photon
   welkin bench --json bench.json                 how fast this machine is
   welkin bench --device gpu                      how fast its GPU is, pass by pass
 
@@ -81,6 +83,9 @@ enum Command {
     /// Measure the methods on a ladder: error beside cost.
     #[command(after_help = ladder::EXAMPLES)]
     Ladder(ladder::Options),
+    /// Follow light through slabs of cloud and write the tables that `methods.scattering: slab` reads.
+    #[command(after_help = tables::EXAMPLES)]
+    Tables(tables::Options),
     /// Measure this machine: simulation and pictures, alone and together.
     Bench(BenchOptions),
 }
@@ -202,6 +207,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>, log_filter: Option<String>)
         Some(Command::Schema) => schema(),
         Some(Command::Validate(options)) => validate::run(options),
         Some(Command::Ladder(options)) => ladder::run(options),
+        Some(Command::Tables(options)) => tables::run(options),
         Some(Command::Bench(options)) => crate::bench::run(&options)
             .map(|()| Outcome::Done)
             .map_err(|error| Failure(error.to_string())),

@@ -24,6 +24,7 @@ pub mod priority;
 pub mod sample;
 pub mod scenery;
 pub mod sun;
+pub mod tables;
 pub mod validate;
 pub mod volume;
 pub mod watchdog;

@@ -77,6 +77,7 @@ fn scattering_of(scattering: Scattering) -> (Rung, view::Scattering) {
         Scattering::Octaves => (Rung::Octaves, view::Scattering::Octaves),
         Scattering::MultipleForward => (Rung::MultipleForward, view::Scattering::MultipleForward),
         Scattering::Diffusion => (Rung::Diffusion, view::Scattering::Diffusion),
+        Scattering::Slab => (Rung::Slab, view::Scattering::Slab),
     }
 }
 

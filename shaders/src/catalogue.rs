@@ -383,6 +383,10 @@ const DIFFUSION_DEVICES: Devices = Devices::CpuOnly(
 const REPROJECT_DEVICES: Devices = Devices::CpuOnly(
     "each viewer's last picture would have to stay in the GPU's memory beside the worlds, 40 bytes a pixel, and there half resolution leaves little to gain: it was not written",
 );
+/// Where fitted slabs are there.
+const SLAB_DEVICES: Devices = Devices::CpuOnly(
+    "the march binds all eight storage buffers that WebGPU grants; slabs and their tables would be two more",
+);
 /// One stage spans a substep of any length that trajectories can follow.
 const SEMI_LAGRANGIAN: Option<Advance> = Some(Advance {
     courant_max: 50.0,
@@ -465,6 +469,9 @@ rungs! {
     Diffusion Scattering "diffusion" DIFFUSION_DEVICES, None,
         "the beam, what goes about its way, and what diffuses"
         keeps "energy, to the solver's bound";
+    Slab Scattering "slab" SLAB_DEVICES, None,
+        "orders from 2 on as in a level slab fitted to the cloud by one step, from tables of photons followed through slabs"
+        keeps "energy in slabs, to the tables' steps; not in clouds that end sideways";
     Rayleigh Phase "rayleigh" Devices::Both, None,
         "molecules'"
         keeps "the integral over the sphere, as all";

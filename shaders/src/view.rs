@@ -68,6 +68,8 @@ pub enum Scattering {
     MultipleForward,
     /// Once, about the sun's way, and diffusely (stage `diffusion`); on the CPU.
     Diffusion,
+    /// Once, and further as in a slab fitted to the cloud (stage `slab_fit`); on the CPU.
+    Slab,
 }
 
 /// What a shadow map keeps of a ray; see stage `sun_map`.
@@ -147,7 +149,8 @@ pub struct Lighting {
 impl Lighting {
     /// Whether no GPU draws it, this program's or a page's.
     pub fn needs_cpu(&self) -> bool {
-        self.scattering == Scattering::Diffusion || matches!(self.sun_occlusion, SunOcclusion::ShadowMap { .. })
+        matches!(self.scattering, Scattering::Diffusion | Scattering::Slab)
+            || matches!(self.sun_occlusion, SunOcclusion::ShadowMap { .. })
     }
 }
 
@@ -258,7 +261,7 @@ pub struct Sources {
 
 /// Volume, detail, map, its side, sun: what a map of the sun's rays depends on.
 pub type SunMapKey = (u64, Option<FrameDetail>, MapKind, u32, [f32; 3]);
-/// Volume, whether carved, sun, phase function: what the diffuse light depends on.
+/// Volume, whether carved, sun, phase function: what the diffuse light depends on, and the light of fitted slabs.
 pub type DiffuseKey = (u64, bool, [f32; 3], PhaseChoice);
 
 /// Settings made sense of: bounded, with what follows from them.
@@ -341,7 +344,7 @@ impl Look {
             detail: detail.map(|d| frame_detail(d, air_displacement_m, settings.seed)),
             octaves: match settings.lighting.scattering {
                 Scattering::Octaves => (settings.multiple_scattering_octaves as usize).min(OCTAVES_MAX),
-                Scattering::MultipleForward | Scattering::Diffusion => 0,
+                Scattering::MultipleForward | Scattering::Diffusion | Scattering::Slab => 0,
             },
             lighting: settings.lighting,
             steps: match settings.steps {
@@ -398,6 +401,15 @@ impl Look {
     /// Key of the diffuse light in the volume with this fingerprint, where it is wanted.
     pub fn diffuse_key(&self, volume: u64) -> Option<DiffuseKey> {
         (self.lighting.scattering == Scattering::Diffusion).then_some((
+            volume,
+            self.detail.is_some(),
+            self.table_beam,
+            self.lighting.phase,
+        ))
+    }
+    /// Key of the slabs fitted to the volume with this fingerprint, where they are wanted.
+    pub fn slab_key(&self, volume: u64) -> Option<DiffuseKey> {
+        (self.lighting.scattering == Scattering::Slab).then_some((
             volume,
             self.detail.is_some(),
             self.table_beam,

@@ -163,7 +163,12 @@ fn phases_with_sharp_peaks() {
 /// Every rung of light at its smallest.
 fn lightings() -> Vec<Lighting> {
     let default = Lighting::default();
-    let scatterings = [Scattering::Octaves, Scattering::MultipleForward, Scattering::Diffusion];
+    let scatterings = [
+        Scattering::Octaves,
+        Scattering::MultipleForward,
+        Scattering::Diffusion,
+        Scattering::Slab,
+    ];
     let maps = [MapKind::Exponential, MapKind::Beer, MapKind::Fourier];
     let occlusions = maps.map(|kind| SunOcclusion::ShadowMap { kind, side: 16 });
     let marches = [1, 7].map(|steps| SunOcclusion::SecondaryMarch { steps });

@@ -32,13 +32,14 @@ pub use flip::flip;
 pub use slabs::SlabRow;
 
 /// Ways through cloud, each with octaves; none is single scattering.
-const SCATTERINGS: [(Scattering, u32); 6] = [
+const SCATTERINGS: [(Scattering, u32); 7] = [
     (Scattering::Octaves, 0),
     (Scattering::MultipleForward, 0),
     (Scattering::Octaves, 2),
     (Scattering::Octaves, 6),
     (Scattering::Octaves, 8),
     (Scattering::Diffusion, 0),
+    (Scattering::Slab, 0),
 ];
 /// Ways to learn how much cloud lies towards the sun.
 const OCCLUSIONS: [SunOcclusion; 9] = [
@@ -150,6 +151,7 @@ fn scattering_name((scattering, octaves): (Scattering, u32)) -> String {
         (Scattering::Octaves, n) => format!("octaves {n}"),
         (Scattering::MultipleForward, _) => "multiple_forward".to_owned(),
         (Scattering::Diffusion, _) => "diffusion".to_owned(),
+        (Scattering::Slab, _) => "slab".to_owned(),
     }
 }
 
@@ -193,6 +195,7 @@ pub(super) fn occluded(base: &ViewSettings, sun_occlusion: SunOcclusion) -> View
 fn bytes_of(ladder: &str, lighting: &Lighting, grid: &ShapeGrid) -> u64 {
     match (ladder, lighting.scattering, lighting.sun_occlusion) {
         ("scattering", Scattering::Diffusion, _) => grid.word_bytes(),
+        ("scattering", Scattering::Slab, _) => 2 * grid.word_bytes(),
         ("scattering", ..) | (_, _, SunOcclusion::SecondaryMarch { .. }) => 0,
         (_, _, SunOcclusion::LightGrid) => grid.word_bytes() + grid.shadow_bytes(),
         (_, _, SunOcclusion::ShadowMap { kind, side }) => 4 * kind.numbers() as u64 * u64::from(side).pow(2),
@@ -355,7 +358,7 @@ pub(super) fn times(volume: &CloudVolume, settings: &ViewSettings, prepared: &mu
             match stage {
                 "march" => march = march.min(ms),
                 "sun_optical_depth" if by_grid => sun += ms,
-                "sun_map" | "diffusion" => sun += ms,
+                "sun_map" | "diffusion" | "slab_fit" => sun += ms,
                 _ => {}
             }
         });
@@ -441,10 +444,18 @@ mod tests {
             assert!(octaves[0] < octaves[1] && octaves[1] < octaves[2], "{row:?}");
             // None of these makes light; the rule of six directions and the march's steps are good to a hundredth or two, and diffusion is on cells of
             // up to 1.3 optical depths.
-            for (name, most) in [("single", 1.02), ("multiple_forward", 1.02), ("diffusion", 1.08)] {
+            for (name, most) in [
+                ("single", 1.02),
+                ("multiple_forward", 1.02),
+                ("diffusion", 1.08),
+                ("slab", 1.05),
+            ] {
                 assert!(of(name).in_all < most, "{name}: {row:?}");
             }
-            // What diffuses is nearest to the truth wherever a slab is thick.
+            // A slab is what slabs are fitted to; what is left are the tables' steps and the cloud's edge, smoothed over a level.
+            let ours = of("slab").reflected;
+            assert!((ours - row.discrete_ordinates).abs() < 0.04, "{row:?}");
+            // What diffuses is near to the truth wherever a slab is thick.
             if row.optical_depth >= 16.0 {
                 let ours = of("diffusion").reflected;
                 assert!((ours - row.discrete_ordinates).abs() < 0.1, "{row:?}");

@@ -9,6 +9,7 @@ use welkin_shaders::cpu::light::phase_table::PhaseChoice;
 use welkin_shaders::cpu::light::sky_light::SkyLight;
 use welkin_shaders::cpu::light::sky_table::{SkySource, SkyTable};
 use welkin_shaders::cpu::light::sky_visibility::sky_visibility;
+use welkin_shaders::cpu::light::slab_fit::SlabFit;
 use welkin_shaders::cpu::light::sun_optical_depth::SunLight;
 use welkin_shaders::cpu::light::transmittance_table::TransmittanceTable;
 use welkin_shaders::cpu::view::Scattering;
@@ -117,7 +118,7 @@ impl Night {
     fn frame<'a>(
         &'a self,
         cloud: (&'a Shape, &'a SunLight),
-        (phase, octaves, diffuse): (&'a MarchPhase, u32, Option<&'a Diffuse>),
+        (phase, octaves, diffuse, slab): (&'a MarchPhase, u32, Option<&'a Diffuse>, Option<&'a SlabFit>),
         sun: [f32; 3],
         [cosine, azimuth]: [f64; 2],
         from_above: bool,
@@ -164,6 +165,7 @@ impl Night {
             phase,
             occlusion: Occlusion::Grid,
             diffuse,
+            slab,
             sun_disc: [0.0; 3],
         }
     }
@@ -190,12 +192,15 @@ pub(super) fn all(ways: &[(Scattering, u32)]) -> Vec<SlabRow> {
                 let phase = MarchPhase::new(one_lobe(*asymmetry), way.0);
                 let diffuse =
                     (way.0 == Scattering::Diffusion).then(|| Diffuse::new(&shape, &sun_light, false, phase.asymmetry));
+                let slab = (way.0 == Scattering::Slab)
+                    .then(|| SlabFit::new(&shape, false, sun, phase.asymmetry))
+                    .flatten();
                 let leaves = |from_above: bool| {
                     let mut flux = 0.0;
                     for [cosine, weight] in RULE {
                         for n in 0..AROUND {
                             let azimuth = std::f64::consts::PI * (n as f64 + 0.5) / AROUND as f64;
-                            let light = (&phase, way.1, diffuse.as_ref());
+                            let light = (&phase, way.1, diffuse.as_ref(), slab.as_ref());
                             let frame = night.frame((&shape, &sun_light), light, sun, [cosine, azimuth], from_above);
                             let mut pixels = [[0.0f32; 3]; 16];
                             radiance_rows(&frame, 0, &mut pixels);

@@ -118,7 +118,7 @@ fn fill_level(
             if !near.any_above(0.0) {
                 continue;
             }
-            let depth = optical_depth(shape, carved, sun, x, y, z, near);
+            let depth = optical_depth(shape, carved, sun, SUN_MARCH_DEEP, x, y, z, near);
             for l in 0..LANES.min(width - first) {
                 // Each point for itself, whatever points are looked at together with it.
                 if near.0[l] <= 0.0 {
@@ -143,22 +143,33 @@ fn fill_shadow_row(shape: &Shape, carved: bool, sun: &[f32; 3], n: usize, row: &
     let y = Lanes::splat((n as f32 - 0.5) * shape.point_spacing_m[1]);
     for first in (0..row.len()).step_by(LANES) {
         let x = Lanes::from_fn(|l| ((first + l) as f32 - 0.5) * shape.point_spacing_m[0]);
-        let depth = optical_depth(shape, carved, sun, x, y, z, Lanes::splat(1.0));
+        let depth = optical_depth(shape, carved, sun, SUN_MARCH_DEEP, x, y, z, Lanes::splat(1.0));
         let count = LANES.min(row.len() - first);
         row[first..first + count].copy_from_slice(&depth.0[..count]);
     }
 }
 
+/// Optical depth along a direction up to where it is above `deep`, of the lanes whose `wanted` is above 0.
 #[inline(always)]
-fn optical_depth(shape: &Shape, carved: bool, sun: &[f32; 3], x: Lanes, y: Lanes, z: Lanes, wanted: Lanes) -> Lanes {
+pub(crate) fn optical_depth(
+    shape: &Shape,
+    carved: bool,
+    along: &[f32; 3],
+    deep: f32,
+    x: Lanes,
+    y: Lanes,
+    z: Lanes,
+    wanted: Lanes,
+) -> Lanes {
     let zero = Lanes::splat(0.0);
     let mut depth = zero;
     let mut t = zero;
+    let last_m = if along[2] > 0.0 { shape.top_m } else { shape.bottom_m };
     // Lanes that are not wanted start at the end.
     let end = Lanes::select_less(
         zero,
         wanted,
-        ((Lanes::splat(shape.top_m) - z) / sun[2]).min(Lanes::splat(SUN_MARCH_REACH_M)),
+        ((Lanes::splat(last_m) - z) / along[2]).min(Lanes::splat(SUN_MARCH_REACH_M)),
         zero,
     );
     for _ in 0..SUN_MARCH_STEPS {
@@ -167,7 +178,7 @@ fn optical_depth(shape: &Shape, carved: bool, sun: &[f32; 3], x: Lanes, y: Lanes
         }
         let step = t * SUN_MARCH_STEP_GROWTH + SUN_MARCH_STEP_M;
         let at = t + step * 0.5;
-        let (px, py, pz) = (x + at * sun[0], y + at * sun[1], z + at * sun[2]);
+        let (px, py, pz) = (x + at * along[0], y + at * along[1], z + at * along[2]);
         let empty = shape.empty_distance_m(px, py, pz);
         let inside = Lanes::select_less(zero, empty, zero, Lanes::select_less(at, end, Lanes::splat(1.0), zero));
         if inside.any_above(0.0) {
@@ -175,7 +186,7 @@ fn optical_depth(shape: &Shape, carved: bool, sun: &[f32; 3], x: Lanes, y: Lanes
             depth = depth + shape.mean_extinction(cover, amplitude, carved) * step * inside;
         }
         t = t + step.max(empty);
-        t = Lanes::select_less(Lanes::splat(SUN_MARCH_DEEP), depth, end, t);
+        t = Lanes::select_less(Lanes::splat(deep), depth, end, t);
     }
     depth
 }

@@ -6,7 +6,7 @@
 //! optical depth, and two finer steps with the detail noise while the ray is near and little dimmed), scattered once by the droplets' phase function and further by
 //! octaves (Wrenninge et al. 2013: each with half the extinction, a share of the light, a rounder phase), and the diffuse
 //! light of sky and ground. In place of the stored depth there may be a march from each sample or a map of the sun's rays, in place of the octaves
-//! multiple forward scattering or diffused light: [`crate::view::Lighting`]. Octaves don't keep energy: they give thin cloud light that it does not get (their
+//! multiple forward scattering, diffused light or that of fitted slabs: [`crate::view::Lighting`]. Octaves don't keep energy: they give thin cloud light that it does not get (their
 //! weights sum to more than 1) and thick cloud less than it has; the others never give more than comes in (`welkin ladder light` prints both). A ray ends below 1 % transmittance. The air between is put in once, at the mean distance of the light; the clouds' shadows in it
 //! are stage `light_shafts`.
 //!
@@ -31,6 +31,7 @@ use crate::cpu::light::moon::MoonDisc;
 use crate::cpu::light::phase::henyey_greenstein;
 use crate::cpu::light::sky_light::SkyLight;
 use crate::cpu::light::sky_table::SkyTable;
+use crate::cpu::light::slab_fit::SlabFit;
 use crate::cpu::light::stars::StarField;
 use crate::cpu::light::sun_map::SunMap;
 use crate::cpu::light::sun_optical_depth::{DEPTH_UNIT, SUN_MARCH_REACH_M, SunLight, marched_direction};
@@ -168,6 +169,8 @@ pub struct Frame<'a> {
     pub occlusion: Occlusion<'a>,
     /// Diffuse light in the cloud, in place of octaves.
     pub diffuse: Option<&'a Diffuse>,
+    /// Light of slabs fitted to the cloud, in place of octaves.
+    pub slab: Option<&'a SlabFit>,
     /// Sun at the disc: transmittance towards it from the camera.
     pub sun_disc: [f32; 3],
 }
@@ -710,6 +713,9 @@ fn march<const LIMITED: bool>(
                     let mean = shape.mean_extinction(cover, amplitude, frame.detail.is_some());
                     let fluence = diffuse.towards(shape, &p, &d, mean);
                     scattered = phases[1] * (onward - passed) + fluence * (0.25 / std::f32::consts::PI);
+                }
+                if let Some(slab) = frame.slab {
+                    scattered = slab.towards(shape, &p, &d, depth, turn);
                 }
                 let length = if LIMITED { step.min(limit_m - begun) } else { step };
                 let kept = (extinction * length * -std::f32::consts::LOG2_E).exp2();

@@ -30,6 +30,7 @@ use crate::cpu::light::phase_table::PhaseChoice;
 use crate::cpu::light::sky_light::SkyLight;
 use crate::cpu::light::sky_table::SkyTable;
 use crate::cpu::light::sky_visibility::sky_visibility;
+use crate::cpu::light::slab_fit::SlabFit;
 use crate::cpu::light::stars::{StarField, StarTable};
 use crate::cpu::light::sun_map::SunMap;
 use crate::cpu::light::sun_optical_depth::SunLight;
@@ -62,6 +63,7 @@ pub struct Prepared {
     sun_light: Option<(SunLightKey, SunLight)>,
     sun_map: Option<(SunMapKey, SunMap)>,
     diffuse: Option<(DiffuseKey, Diffuse)>,
+    slab: Option<(DiffuseKey, Option<SlabFit>)>,
     samples: Samples,
 }
 
@@ -340,6 +342,13 @@ fn prepare(
             prepared.diffuse = Some((key, diffuse));
             after("diffusion");
         }
+        if let (Some(key), Some((_, phase))) = (look.slab_key(cloud_key), &prepared.phase)
+            && prepared.slab.as_ref().is_none_or(|(k, _)| *k != key)
+        {
+            let slab = SlabFit::new(&cloud.shape, key.1, key.2, phase.asymmetry);
+            prepared.slab = Some((key, slab));
+            after("slab_fit");
+        }
     }
     look
 }
@@ -395,6 +404,10 @@ impl Prepared {
             },
             diffuse: match (look.lighting.scattering, &self.diffuse) {
                 (Scattering::Diffusion, Some((_, diffuse))) => Some(diffuse),
+                _ => None,
+            },
+            slab: match (look.lighting.scattering, &self.slab) {
+                (Scattering::Slab, Some((_, slab))) => slab.as_ref(),
                 _ => None,
             },
             sun_disc: transmittance.of_sun(height_m, sun[2]),

@@ -149,6 +149,12 @@ impl Scatterer {
             rest: Part::new(parts.map(|[rest, _]| rest)),
         }
     }
+    /// The cosine of an angle to be turned by, of the whole function.
+    pub(crate) fn draw_cosine(&self, random: &mut Random) -> f64 {
+        let by_peak = random.next() * (self.peak.share + self.rest.share) < self.peak.share;
+        let part = if by_peak { &self.peak } else { &self.rest };
+        part.draw(random).0
+    }
     /// Peak and rest as one.
     #[cfg(test)]
     pub(crate) fn whole_part(&self) -> Part {
