@@ -160,6 +160,7 @@ fn view_sampling_of(scene: &Scene) -> (Rung, view::ViewSampling, String) {
     match named {
         ViewSampling::Reproject16 => (Rung::Reproject16, view::ViewSampling::Reproject16, why),
         ViewSampling::Reproject4 => (Rung::Reproject4, view::ViewSampling::Reproject4, why),
+        ViewSampling::Impostors => (Rung::Impostors, view::ViewSampling::Impostors, why),
         ViewSampling::HalfResolution => (Rung::HalfResolution, view::ViewSampling::HalfResolution, why),
         ViewSampling::EveryPixel => (Rung::EveryPixel, view::ViewSampling::EveryPixel, why),
     }

@@ -505,6 +505,9 @@ rungs! {
     Reproject4 ViewSampling "reproject_4" REPROJECT_DEVICES, None,
         "one pixel in four is marched, the others are looked up in the viewer's last picture"
         keeps "a picture that rests; what changes lags within bounds, and edges soften while the camera moves";
+    Impostors ViewSampling "impostors" REPROJECT_DEVICES, None,
+        "what is near is marched, clouds farther than 8 km stand on pictures that are kept while they fit"
+        keeps "what is near exactly, what is far to 0.15 degrees; far clouds lag behind the weather by some pictures";
     HalfResolution ViewSampling "half_resolution" Devices::Both, None,
         "one pixel in four is marched, and those between which they disagree"
         keeps "edges, and a quarter of the pixels exactly; relief finer than two pixels is smoothed where it is faint";
@@ -1071,6 +1074,19 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         reads: &["radiance", "cloud_transmittance", "cloud_distance", "last_picture"],
         writes: &["picture"],
         what: "a live picture from one pixel in 4 or 16 and the viewer's last one (march within it)",
+        tolerance: Tolerance {
+            within: Within::Absolute(1.0),
+            outside: 0.0,
+            why: "on the CPU alone",
+        },
+    },
+    ViewStage {
+        name: "impostors",
+        needs: &[Effect::Moisture],
+        rungs: &[Rung::Impostors],
+        reads: &["radiance", "cloud_transmittance", "cloud_distance", "far_clouds_kept"],
+        writes: &["picture"],
+        what: "a live picture whose far clouds stand on pictures kept of them (march within it)",
         tolerance: Tolerance {
             within: Within::Absolute(1.0),
             outside: 0.0,

@@ -166,13 +166,15 @@ pub enum ViewSampling {
     Reproject4,
     /// One in 16 of it.
     Reproject16,
+    /// All of what is near; far clouds from pictures that a viewer's live picture keeps (stage `impostors`); on the CPU. All where there is no viewer.
+    Impostors,
 }
 
 impl ViewSampling {
     /// Pixels along the side of a cell of which one is marched a picture, where pictures build on one another.
     pub fn cell(self) -> Option<usize> {
         match self {
-            ViewSampling::EveryPixel | ViewSampling::HalfResolution => None,
+            ViewSampling::EveryPixel | ViewSampling::HalfResolution | ViewSampling::Impostors => None,
             ViewSampling::Reproject4 => Some(2),
             ViewSampling::Reproject16 => Some(4),
         }

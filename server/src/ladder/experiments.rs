@@ -94,14 +94,17 @@ pub struct Experiments {
     pub experiments: Vec<Experiment>,
 }
 
-/// Seed 001's four ways at its usual settings, and the one that is usual here.
-const FOUR: [SunOcclusion; 5] = [
-    SunOcclusion::SecondaryMarch { steps: 10 },
-    map(MapKind::Exponential, 512),
-    map(MapKind::Beer, 512),
-    map(MapKind::Fourier, 512),
-    SunOcclusion::LightGrid,
-];
+/// Seed 001's four ways at its usual settings, and the one that is usual here; smaller maps in the small form.
+fn ways(quick: bool) -> [SunOcclusion; 5] {
+    let side = if quick { 64 } else { 512 };
+    [
+        SunOcclusion::SecondaryMarch { steps: 10 },
+        map(MapKind::Exponential, side),
+        map(MapKind::Beer, side),
+        map(MapKind::Fourier, side),
+        SunOcclusion::LightGrid,
+    ]
+}
 /// Steps that samples are held against.
 const EXACT_STEPS: u32 = 160;
 /// Optical depth of the steps that other steps of view are held against.
@@ -153,7 +156,7 @@ pub fn experiments(conditions: &Conditions) -> Result<Experiments, LadderError> 
         conditions,
         prepared: Prepared::new(),
         done: 0,
-        all: if conditions.quick { 60 } else { 105 },
+        all: if conditions.quick { 36 } else { 105 },
     };
     Ok(Experiments {
         version: env!("CARGO_PKG_VERSION"),
@@ -171,7 +174,7 @@ pub fn experiments(conditions: &Conditions) -> Result<Experiments, LadderError> 
 }
 
 fn usual_size(run: &Run) -> [usize; 2] {
-    if run.conditions.quick { [96, 54] } else { [640, 360] }
+    if run.conditions.quick { [64, 36] } else { [640, 360] }
 }
 
 fn looking_up([width, height]: [usize; 2]) -> ViewSettings {
@@ -185,7 +188,7 @@ fn map_sizes(run: &mut Run) -> Result<Experiment, LadderError> {
     let volume = cumulus_field(7, 12);
     let size = usual_size(run);
     let sides: &[u32] = if run.conditions.quick {
-        &[64, 128, 256]
+        &[32, 64]
     } else {
         &[128, 256, 512, 1024]
     };
@@ -247,7 +250,7 @@ fn samples(run: &mut Run) -> Result<Experiment, LadderError> {
     let exact = occluded(&base, SunOcclusion::SecondaryMarch { steps: EXACT_STEPS });
     let exact = radiance(Some(&volume), &exact, &mut run.prepared);
     let counts: &[u32] = if run.conditions.quick {
-        &[1, 10, 50]
+        &[1, 10]
     } else {
         &[1, 2, 5, 10, 20, 35, 50]
     };
@@ -262,8 +265,8 @@ fn samples(run: &mut Run) -> Result<Experiment, LadderError> {
         method: "secondary_march".to_owned(),
         points,
     }];
-    for way in &FOUR[1..] {
-        let view = occluded(&base, *way);
+    for way in ways(run.conditions.quick).into_iter().skip(1) {
+        let view = occluded(&base, way);
         let mut point = run.point(&volume, &view, f64::from(counts[0]))?;
         point.error = Some(run.apart(&volume, &view, &exact));
         let end = Point {
@@ -271,7 +274,7 @@ fn samples(run: &mut Run) -> Result<Experiment, LadderError> {
             ..point
         };
         curves.push(Curve {
-            method: occlusion_name(*way),
+            method: occlusion_name(way),
             points: vec![point, end],
         });
     }
@@ -340,12 +343,12 @@ fn samples(run: &mut Run) -> Result<Experiment, LadderError> {
 fn picture_sizes(run: &mut Run) -> Result<Experiment, LadderError> {
     let volume = cumulus_field(7, 12);
     let sizes: &[[usize; 2]] = if run.conditions.quick {
-        &[[48, 27], [96, 54], [192, 108]]
+        &[[32, 18], [64, 36]]
     } else {
         &[[320, 180], [640, 360], [1280, 720], [1920, 1080]]
     };
     let mut curves = Vec::new();
-    for way in FOUR {
+    for way in ways(run.conditions.quick) {
         let mut points = Vec::new();
         for [width, height] in sizes {
             let view = occluded(&looking_up([*width, *height]), way);
@@ -415,11 +418,12 @@ fn coverage(run: &mut Run) -> Result<Experiment, LadderError> {
         ..looking_up(size)
     };
     let counts: &[usize] = if run.conditions.quick {
-        &[2, 12, 120]
+        &[2, 120]
     } else {
         &[1, 3, 6, 10, 16, 26, 45, 90, 300]
     };
-    let mut curves: Vec<Curve> = FOUR
+    let ways = ways(run.conditions.quick);
+    let mut curves: Vec<Curve> = ways
         .iter()
         .map(|way| Curve {
             method: occlusion_name(*way),
@@ -429,7 +433,7 @@ fn coverage(run: &mut Run) -> Result<Experiment, LadderError> {
     for clouds in counts {
         let volume = cumulus_field(11, *clouds);
         let share = 100.0 * covered(&volume, &view, &mut run.prepared);
-        for (way, curve) in FOUR.iter().zip(&mut curves) {
+        for (way, curve) in ways.iter().zip(&mut curves) {
             curve.points.push(run.point(&volume, &occluded(&view, *way), share)?);
         }
     }
@@ -496,7 +500,7 @@ fn segments(run: &mut Run) -> Result<Experiment, LadderError> {
     let by = |steps| ViewSettings { steps, ..base };
     let exact = radiance(Some(&volume), &by(EXACT_STEP), &mut run.prepared);
     let counts: &[u32] = if run.conditions.quick {
-        &[2, 5, 30]
+        &[2, 30]
     } else {
         &[2, 5, 8, 10, 15, 20, 30, 60, 120]
     };

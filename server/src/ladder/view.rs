@@ -162,9 +162,10 @@ fn still(scene: &'static str, volume: &CloudVolume, settings: &ViewSettings) -> 
 
 /// What cameras do: a name, degrees a second that they turn, and metres a second that they fly ahead.
 const CAMERAS: [(&str, f32, f32); 3] = [("rests", 0.0, 0.0), ("turns", 12.0, 0.0), ("flies", 0.0, 60.0)];
-const RUNGS: [(Rung, ViewSampling); 4] = [
+const RUNGS: [(Rung, ViewSampling); 5] = [
     (Rung::Reproject16, ViewSampling::Reproject16),
     (Rung::Reproject4, ViewSampling::Reproject4),
+    (Rung::Impostors, ViewSampling::Impostors),
     (Rung::HalfResolution, ViewSampling::HalfResolution),
     (Rung::EveryPixel, ViewSampling::EveryPixel),
 ];

@@ -264,7 +264,10 @@ fn march_rows(frame: &Frame<'_>, first_row: usize, mut out: Out<'_>) {
 ))]
 pub(super) fn met_by(frame: &Frame<'_>, rays: &Rays) -> Met {
     match frame.cloud {
-        Some((shape, sun_light)) => march::<false>(frame, shape, sun_light, rays, Lanes::splat(f32::MAX)),
+        Some((shape, sun_light)) => {
+            let (from, limit) = (Lanes::splat(0.0), Lanes::splat(f32::MAX));
+            march::<false>(frame, shape, sun_light, rays, from, limit)
+        }
         None => Met::NOTHING,
     }
 }
@@ -277,7 +280,20 @@ pub(super) fn met_by(frame: &Frame<'_>, rays: &Rays) -> Met {
 ))]
 pub(super) fn met_before(frame: &Frame<'_>, rays: &Rays, limit_m: &Lanes) -> Met {
     match frame.cloud {
-        Some((shape, sun_light)) => march::<true>(frame, shape, sun_light, rays, *limit_m),
+        Some((shape, sun_light)) => march::<true>(frame, shape, sun_light, rays, Lanes::splat(0.0), *limit_m),
+        None => Met::NOTHING,
+    }
+}
+
+/// The same of what lies beyond `from_m`.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma",
+    "x86_64+avx2+fma",
+    "aarch64+neon"
+))]
+pub(super) fn met_beyond(frame: &Frame<'_>, rays: &Rays, from_m: &Lanes) -> Met {
+    match frame.cloud {
+        Some((shape, sun_light)) => march::<false>(frame, shape, sun_light, rays, *from_m, Lanes::splat(f32::MAX)),
         None => Met::NOTHING,
     }
 }
@@ -353,7 +369,6 @@ impl Rays {
     /// Through places of the picture, pixels from its upper left corner.
     #[inline(always)]
     pub(super) fn new(frame: &Frame<'_>, px: Lanes, py: Lanes) -> Rays {
-        let zero = Lanes::splat(0.0);
         let one = Lanes::splat(1.0);
         let scale = 2.0 * frame.half_height / frame.height as f32;
         let sx = (px - frame.width as f32 * 0.5) * scale;
@@ -367,6 +382,13 @@ impl Rays {
         for v in &mut d {
             *v = *v * inverse;
         }
+        Rays::along(frame, d, px, py)
+    }
+    /// Along unit vectors; the pattern is that of pixels at these places.
+    #[inline(always)]
+    pub(super) fn along(frame: &Frame<'_>, d: [Lanes; 3], px: Lanes, py: Lanes) -> Rays {
+        let zero = Lanes::splat(0.0);
+        let one = Lanes::splat(1.0);
         let oz = frame.position_m[2];
         let curve = (one - d[2] * d[2]) * (0.5 / EARTH_RADIUS_M);
         let under_root = d[2] * d[2] - curve * (4.0 * oz);
@@ -572,13 +594,14 @@ impl Met {
     }
 }
 
-/// Rays through the cloud; `LIMITED` ones end at `limit_m`.
+/// Rays through the cloud from `from_m` on; `LIMITED` ones end at `limit_m`.
 #[inline(always)]
 fn march<const LIMITED: bool>(
     frame: &Frame<'_>,
     shape: &Shape,
     sun_light: &SunLight,
     rays: &Rays,
+    from_m: Lanes,
     limit_m: Lanes,
 ) -> Met {
     let Rays {
@@ -595,7 +618,7 @@ fn march<const LIMITED: bool>(
     let (first, last) = slab(oz, d[2], curve, shape.bottom_m, shape.top_m);
     let end = last.min(ground_at).min(Lanes::splat(DRAW_DISTANCE_M));
     // Rays that never meet the slab still take part in the packet's arithmetic: from a finite place, or NaN would spread.
-    let first = first.min(end.max(zero));
+    let first = first.max(from_m).min(end.max(zero));
     let mut met = Met {
         light: [zero; 3],
         through: one,

@@ -7,6 +7,7 @@
 pub mod detail_noise;
 pub mod ground;
 pub mod haze;
+pub mod impostors;
 pub mod lanes;
 pub mod layers;
 pub mod light_shafts;
@@ -130,13 +131,11 @@ pub fn render_live(
     prepared: &mut Prepared,
     after: &mut dyn FnMut(&'static str),
 ) -> Vec<u8> {
-    let Some(cell) = settings
-        .sampling
-        .cell()
-        .filter(|_| settings.width * settings.height > 0)
-    else {
+    let (cell, sampling) = (settings.sampling.cell(), settings.sampling);
+    let builds_on = cell.is_some() || sampling == ViewSampling::Impostors;
+    if !builds_on || settings.width * settings.height == 0 {
         return render_watched(volume, settings, prepared, after);
-    };
+    }
     let look = prepare(volume, settings, prepared, after);
     let mut samples = std::mem::take(&mut prepared.samples);
     let mut picture = vec![0u8; settings.width * settings.height * 3];
@@ -144,8 +143,23 @@ pub fn render_live(
     let drawn = frame.is_some();
     if let Some(frame) = frame {
         let displacement_m = volume.map_or([0.0; 3], |v| v.air_displacement_m);
-        reproject::draw(&frame, &look, displacement_m, cell, history, &mut samples, &mut picture);
-        after("reproject");
+        if let Some(cell) = cell {
+            reproject::draw(&frame, &look, displacement_m, cell, history, &mut samples, &mut picture);
+            after("reproject");
+        } else if let Some((shape, _)) = frame.cloud {
+            let slab = [shape.bottom_m, shape.top_m];
+            let weather = volume.map_or(0, fingerprint);
+            let kept = &mut history.impostors;
+            impostors::draw(
+                &frame,
+                &look,
+                (slab, weather, displacement_m),
+                kept,
+                &mut samples,
+                &mut picture,
+            );
+            after("impostors");
+        }
     }
     prepared.samples = samples;
     if drawn {

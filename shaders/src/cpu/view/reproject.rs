@@ -16,6 +16,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
+use super::impostors::Impostors;
 use super::lanes::{Indices, LANES, Lanes};
 use super::march::{Frame, Met, Out, PACKET_ROWS, Rays};
 use super::upsample::{SAMPLE_NUMBERS, Samples, Scratch, extremes, finish_rows, march_grid};
@@ -65,6 +66,8 @@ pub struct History {
     numbers: Vec<f32>,
     next: Vec<f32>,
     pictures: usize,
+    /// Far clouds, of the rung that keeps them.
+    pub(super) impostors: Impostors,
 }
 
 /// How the last picture was taken.
@@ -78,16 +81,17 @@ struct Last {
 impl History {
     /// Bytes that it holds.
     pub fn bytes(&self) -> usize {
-        4 * (self.numbers.capacity() + self.next.capacity())
+        4 * (self.numbers.capacity() + self.next.capacity()) + self.impostors.bytes()
     }
     /// Forgets the last picture: the next one is marched whole.
     pub fn forget(&mut self) {
         self.last = None;
+        self.impostors.forget();
     }
 }
 
 /// Whether what one look has met serves another.
-fn alike(a: &Look, b: &Look) -> bool {
+pub(super) fn alike(a: &Look, b: &Look) -> bool {
     // The detail's offset is the wind's.
     let detail = |look: &Look| look.detail.map(|d| (d.push, d.blend, d.tiles_per_m));
     let turned: f32 = (0..3).map(|c| (a.table_beam[c] - b.table_beam[c]).powi(2)).sum();
