@@ -13,7 +13,7 @@ use crate::tables::{FLIGHTS, Made, Order, SEED, Summary, TablesError, make};
 
 pub(super) const EXAMPLES: &str = "\
 What it does: light enters a level slab of cloud from one side; photons are followed until they leave. For 4 asymmetries of
-the phase function, 8 heights of the sun and 12 thicknesses it notes, in 12 layers and for each set of orders of scattering
+the phase function, 8 heights of the sun and 12 thicknesses it notes, in 14 layers and for each set of orders of scattering
 (2, 3, 4, 5-6, 7-9, 10-15, 16 and more), how much light is there, where it heads and where it came in. The method
 `slab` of scattering reads these tables. It prints what slabs send back, set by set, and the standard errors.
 
