@@ -263,6 +263,46 @@ fn depth_is_where_the_cloud_is() {
     assert!((0.11..0.16).contains(&middle[5]), "{middle:?}");
 }
 
+/// Hard cameras, suns and objects: pictures are whole and layers finite, whatever the sampling.
+#[test]
+fn hard_cameras_give_whole_pictures_and_finite_layers() {
+    let cloud = cumulus_field(7, 12);
+    let base = settings(33, 19);
+    let mut prepared = Prepared::new();
+    let mut history = History::default();
+    let odd = [0.0, f32::MIN_POSITIVE, 1e-3, 1e30, f32::MAX, f32::INFINITY];
+    let objects: Vec<f32> = (0..33 * 19).map(|n| odd[n % odd.len()]).collect();
+    for elevation_deg in [90.0, -90.0, f32::NAN] {
+        for camera_position_m in [
+            [3200.0, 3200.0, -500.0],
+            [1000.0, 2000.0, 600.0],
+            [f32::NAN, f32::INFINITY, f32::NEG_INFINITY],
+        ] {
+            for sun_direction in [base.sun_direction, [f32::NAN; 3]] {
+                let mut view = ViewSettings {
+                    elevation_deg,
+                    camera_position_m,
+                    sun_direction,
+                    ..base
+                };
+                for sampling in [ViewSampling::HalfResolution, ViewSampling::Reproject16] {
+                    view.sampling = sampling;
+                    let (picture, _) = next(&view, &cloud, &mut history, &mut prepared);
+                    let brightest = picture.iter().max().copied().unwrap_or(0);
+                    assert!(picture.len() == 33 * 19 * 3 && brightest > 20, "{view:?}");
+                }
+                for layer in layers(Some(&cloud), &view, Some(&objects), &mut prepared, &mut |_| {}) {
+                    assert!(
+                        layer.iter().all(|v| v.is_finite() && *v >= 0.0),
+                        "{layer:?} of {view:?}"
+                    );
+                    assert!(layer[3] <= 1.0 && layer[5] <= 1.0, "{layer:?} of {view:?}");
+                }
+            }
+        }
+    }
+}
+
 #[test]
 #[ignore = "writes pictures for eyes, whole and at half the resolution side by side, into the folder that WELKIN_KEEP_PICTURES names"]
 fn pictures_for_eyes() {

@@ -82,6 +82,25 @@ pub async fn server(limits: Limits) -> Server {
     server
 }
 
+/// A server with this scene, the small one or like it, as world `w1`, paused with cloud in the picture.
+pub async fn cloudy_server(mut scene: Value) -> Server {
+    let server = empty_server(Limits::default()).await;
+    scene["time"]["time_scale"] = json!(1000.0);
+    let made = server.post("/v1/worlds", &json!({ "scene": scene })).await;
+    assert_eq!(made.status, 201, "{:?}", made.json());
+    let host = server.state.world("w1").unwrap();
+    let began = std::time::Instant::now();
+    while host.view().newest().snapshot.numbers.cloud_cover.unwrap_or_default() < 0.02 {
+        assert!(began.elapsed() < PATIENCE, "no cloud forms");
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    host.view().command(welkin_proto::wire::Command::Pause {}).unwrap();
+    while !host.view().newest().snapshot.numbers.paused {
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+    server
+}
+
 /// An HTTP answer.
 #[derive(Debug)]
 pub struct Answer {

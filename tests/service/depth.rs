@@ -2,36 +2,11 @@
 
 mod common;
 
-use common::{Answer, Server, empty_server, scene};
-use serde_json::json;
+use common::{Answer, Server, cloudy_server};
 use welkin_server::limits::Limits;
 
 const SIZE: &str = "width=64&height=36";
 const PIXELS: usize = 64 * 36;
-
-/// A paused world with cloud in the picture.
-async fn cloudy(limits: Limits) -> Server {
-    let server = empty_server(limits).await;
-    let mut scene = scene();
-    scene["time"]["time_scale"] = json!(1000.0);
-    let made = server.post("/v1/worlds", &json!({ "scene": scene })).await;
-    assert_eq!(made.status, 201, "{:?}", made.json());
-    let began = std::time::Instant::now();
-    loop {
-        assert!(began.elapsed() < common::PATIENCE, "no cloud forms");
-        let state = server.get("/v1/worlds/w1").await.json();
-        if state["numbers"]["cloud_cover"].as_f64().unwrap_or_default() > 0.02 {
-            break;
-        }
-        tokio::time::sleep(std::time::Duration::from_millis(50)).await;
-    }
-    let host = server.state.world("w1").unwrap();
-    host.view().command(welkin_proto::wire::Command::Pause {}).unwrap();
-    while !host.view().newest().snapshot.numbers.paused {
-        tokio::time::sleep(std::time::Duration::from_millis(5)).await;
-    }
-    server
-}
 
 async fn post(server: &Server, query: &str, media_type: &str, body: &[u8]) -> Answer {
     let path = format!("/v1/worlds/w1/frame?{query}");
@@ -53,7 +28,7 @@ const OCTETS: &str = "application/octet-stream";
 
 #[tokio::test]
 async fn depth_says_where_the_cloud_is_and_objects_are_put_before_and_behind_it() {
-    let server = cloudy(Limits::default()).await;
+    let server = cloudy_server(common::scene()).await;
     let raw = server.get(&format!("/v1/worlds/w1/depth?{SIZE}&format=f32")).await;
     assert_eq!((raw.status, raw.header("content-type")), (200, Some(OCTETS)));
     assert_eq!(raw.header("x-welkin-size"), Some("64x36"));

@@ -60,9 +60,7 @@ pub struct StreamRow {
     pub rms_bytes: f64,
     /// The worst picture's.
     pub rms_bytes_worst: f64,
-    /// Mean FLIP over some of the pictures.
-    pub flip: f64,
-    /// The worst of those.
+    /// Mean FLIP of that one.
     pub flip_worst: f64,
     /// Rays marched after the first picture, of one a pixel.
     pub rays: f64,
@@ -94,7 +92,7 @@ pub fn view(context: &ViewContext) -> Result<ViewReport, LadderError> {
     let (size, pictures) = if context.quick {
         ([160, 90], 20)
     } else {
-        ([640, 360], 48)
+        ([640, 360], 24)
     };
     let mut stills = Vec::new();
     for picture in scenes::all(size[0], size[1]) {
@@ -176,7 +174,8 @@ struct Viewer {
     prepared: Prepared,
     history: History,
     rms: Vec<f64>,
-    flips: Vec<f64>,
+    /// The worst picture so far, beside the whole one.
+    worst: [Vec<u8>; 2],
     rays: u64,
     ms: f64,
 }
@@ -218,10 +217,11 @@ fn stream(
             viewer.ms += ms;
             viewer.rays += viewer.prepared.marched();
             let squares = drawn.iter().zip(&whole).map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2));
-            viewer.rms.push((squares.sum::<f64>() / whole.len() as f64).sqrt());
-            if picture % 8 == 0 || picture == pictures {
-                viewer.flips.push(flip(&drawn, &whole, width));
+            let rms = (squares.sum::<f64>() / whole.len() as f64).sqrt();
+            if viewer.rms.iter().all(|before| *before < rms) {
+                viewer.worst = [drawn, whole.clone()];
             }
+            viewer.rms.push(rms);
         }
     }
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
@@ -231,8 +231,7 @@ fn stream(
         rung: rung.info().name,
         rms_bytes: mean(&viewer.rms),
         rms_bytes_worst: worst(&viewer.rms),
-        flip: mean(&viewer.flips),
-        flip_worst: worst(&viewer.flips),
+        flip_worst: flip(&viewer.worst[0], &viewer.worst[1], width),
         rays: viewer.rays as f64 / (pictures * width * height) as f64,
         ms: viewer.ms / pictures as f64,
     });

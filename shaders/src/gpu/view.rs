@@ -398,7 +398,7 @@ impl GpuView {
             )?,
             shadow: fit(context, &mut buffers.shadow, "the shadow map", grid.shadow_bytes())?,
         };
-        let march = SunMarch::new(&look);
+        let march = SunMarch::new(look);
         self.stages.sun_optical_depth(
             grid,
             &cloud.uniform,

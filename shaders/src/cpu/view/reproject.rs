@@ -228,7 +228,7 @@ fn recall(
             let row = (y / samples.stride + n / 2).min(samples.rows - 1);
             index.0[l] = (row * row_numbers + column) as u32;
         }
-        if x % samples.stride == 0 && y % samples.stride == 0 {
+        if x.is_multiple_of(samples.stride) && y.is_multiple_of(samples.stride) {
             missing.0[l] = 0.0;
         }
     }
