@@ -1,10 +1,11 @@
 //! The ladder of light measured: every rung's pictures against the path tracer's, beside what they cost.
 //!
-//! The truth is the same cloud, sky, air and ground with paths traced in place of the march, and the same phase function. Ways to learn how much cloud lies towards the sun are
-//! also held against a march of [`EXACT_STEPS`] steps from every sample, with the scattering that all of them have, for the error of that would hide theirs. Measured on the
+//! The truth is the same cloud, sky, air and ground with paths traced in place of the march, and the same phase function. Rungs of the other ladders than scattering are also held
+//! against the march by what their ladder calls exact (`rungs::exact`), with the scattering that all of them have, for the error of that would hide theirs. Measured on the
 //! CPU device, which has every rung.
 
 mod flip;
+mod rungs;
 pub(super) mod scenes;
 mod slabs;
 
@@ -17,8 +18,7 @@ use welkin_proto::wire::FrameFormat;
 use welkin_shaders::CloudVolume;
 use welkin_shaders::cpu::light::path_tracer::Film;
 use welkin_shaders::cpu::view::{
-    Lighting, MapKind, Prepared, Scattering, SunOcclusion, ViewSettings, developed, path_trace, radiance,
-    render_watched,
+    Prepared, SunOcclusion, ViewSettings, developed, path_trace, radiance, render_watched,
 };
 use welkin_shaders::gpu::view_stages::ShapeGrid;
 use welkin_shaders::view::{Slab, fingerprint};
@@ -26,41 +26,13 @@ use welkin_shaders::view::{Slab, fingerprint};
 use super::{LadderError, on_front};
 use crate::picture;
 use crate::plot::{self, Chart, Mark, Panel, PlotError, Series};
+use rungs::{Contender, LADDERS, SCATTERINGS};
 use scenes::Picture;
 
 pub use flip::flip;
+pub(super) use rungs::{occluded, occlusion_name};
 pub use slabs::SlabRow;
 
-/// Ways through cloud, each with octaves; none is single scattering.
-const SCATTERINGS: [(Scattering, u32); 7] = [
-    (Scattering::Octaves, 0),
-    (Scattering::MultipleForward, 0),
-    (Scattering::Octaves, 2),
-    (Scattering::Octaves, 6),
-    (Scattering::Octaves, 8),
-    (Scattering::Diffusion, 0),
-    (Scattering::Slab, 0),
-];
-/// Ways to learn how much cloud lies towards the sun.
-const OCCLUSIONS: [SunOcclusion; 9] = [
-    SunOcclusion::LightGrid,
-    SunOcclusion::SecondaryMarch { steps: 4 },
-    SunOcclusion::SecondaryMarch { steps: 8 },
-    SunOcclusion::SecondaryMarch { steps: 16 },
-    map(MapKind::Exponential, 512),
-    map(MapKind::Beer, 128),
-    map(MapKind::Beer, 512),
-    map(MapKind::Fourier, 128),
-    map(MapKind::Fourier, 512),
-];
-/// Steps of the march that they are held against.
-const EXACT_STEPS: u32 = 160;
-/// Names of the ladders.
-const LADDERS: [&str; 2] = ["scattering", "sun_occlusion"];
-
-const fn map(kind: MapKind, side: u32) -> SunOcclusion {
-    SunOcclusion::ShadowMap { kind, side }
-}
 /// Radiance is cut at so many times the truth's mean: the sun's disc alone would be all there is.
 const CUT: f64 = 20.0;
 
@@ -83,8 +55,8 @@ pub struct LightRow {
     pub rung: String,
     /// Root of the mean square difference of radiance over the truth's root mean square, the truth's own noise taken off.
     pub error: f64,
-    /// Of ways to learn how much cloud lies towards the sun: the same difference, over the same, from the march with an exact one.
-    pub occlusion_error: Option<f64>,
+    /// Of the other ladders: the same difference, over the same, from the march by what the ladder calls exact.
+    pub own_error: Option<f64>,
     /// Mean FLIP against the truth's picture, its noise included.
     pub flip: f64,
     /// Mean radiance over the truth's.
@@ -104,7 +76,7 @@ impl LightRow {
     /// Milliseconds in all, and the error that its ladder is judged by.
     fn cost_and_error(&self) -> (f64, f64) {
         let sun_ms = if self.sun_ms.is_finite() { self.sun_ms } else { 0.0 };
-        (self.march_ms + sun_ms, self.occlusion_error.unwrap_or(self.error))
+        (self.march_ms + sun_ms, self.own_error.unwrap_or(self.error))
     }
 }
 
@@ -143,63 +115,6 @@ pub struct LightReport {
     pub scenes: Vec<LightScene>,
     /// Reflectances of slabs.
     pub slabs: Vec<SlabRow>,
-}
-
-fn scattering_name((scattering, octaves): (Scattering, u32)) -> String {
-    match (scattering, octaves) {
-        (Scattering::Octaves, 0) => "single".to_owned(),
-        (Scattering::Octaves, n) => format!("octaves {n}"),
-        (Scattering::MultipleForward, _) => "multiple_forward".to_owned(),
-        (Scattering::Diffusion, _) => "diffusion".to_owned(),
-        (Scattering::Slab, _) => "slab".to_owned(),
-    }
-}
-
-pub(super) fn occlusion_name(occlusion: SunOcclusion) -> String {
-    match occlusion {
-        SunOcclusion::LightGrid => "light_grid".to_owned(),
-        SunOcclusion::SecondaryMarch { steps } => format!("secondary_march {steps}"),
-        SunOcclusion::ShadowMap { kind, side } => match kind {
-            MapKind::Exponential => format!("exponential_shadow_map {side}"),
-            MapKind::Beer => format!("beer_shadow_map {side}"),
-            MapKind::Fourier => format!("fourier_opacity_map {side}"),
-        },
-    }
-}
-
-fn contenders(base: &ViewSettings) -> Vec<(&'static str, String, ViewSettings)> {
-    let scatterings = SCATTERINGS.map(|way| {
-        let settings = ViewSettings {
-            multiple_scattering_octaves: way.1,
-            lighting: Lighting {
-                scattering: way.0,
-                ..base.lighting
-            },
-            ..*base
-        };
-        (LADDERS[0], scattering_name(way), settings)
-    });
-    let occlusions = OCCLUSIONS.map(|way| (LADDERS[1], occlusion_name(way), occluded(base, way)));
-    scatterings.into_iter().chain(occlusions).collect()
-}
-
-pub(super) fn occluded(base: &ViewSettings, sun_occlusion: SunOcclusion) -> ViewSettings {
-    let lighting = Lighting {
-        sun_occlusion,
-        ..base.lighting
-    };
-    ViewSettings { lighting, ..*base }
-}
-
-/// Bytes that a way to light a cloud keeps: the grid's depths and the ground's shadow, a map, or the diffuse light.
-fn bytes_of(ladder: &str, lighting: &Lighting, grid: &ShapeGrid) -> u64 {
-    match (ladder, lighting.scattering, lighting.sun_occlusion) {
-        ("scattering", Scattering::Diffusion, _) => grid.word_bytes(),
-        ("scattering", Scattering::Slab, _) => 2 * grid.word_bytes(),
-        ("scattering", ..) | (_, _, SunOcclusion::SecondaryMarch { .. }) => 0,
-        (_, _, SunOcclusion::LightGrid) => grid.word_bytes() + grid.shadow_bytes(),
-        (_, _, SunOcclusion::ShadowMap { kind, side }) => 4 * kind.numbers() as u64 * u64::from(side).pow(2),
-    }
 }
 
 /// Measures. Errors: `Interrupted`.
@@ -287,12 +202,11 @@ fn measure(context: &LightContext, picture: &Picture, paths: u32) -> Result<Ligh
         let pairs = a.iter().flatten().zip(b);
         pairs.map(|(a, b)| (cut(f64::from(*a)) - cut(b)).powi(2)).sum()
     };
-    let exact = occluded(settings, SunOcclusion::SecondaryMarch { steps: EXACT_STEPS });
-    let exact = radiance(Some(volume), &exact, &mut prepared);
+    let exact = LADDERS.map(|ladder| rungs::exact(ladder, settings).map(|e| radiance(Some(volume), &e, &mut prepared)));
     let timed = if context.quick { [160, 90] } else { [320, 180] };
     let mut rows = Vec::new();
     let mut pictures = vec![truth_picture.clone()];
-    for (ladder, rung, settings) in contenders(settings) {
+    for Contender { ladder, rung, settings } in rungs::contenders(settings) {
         if !(context.progress)(&format!("{name}: {rung}"), 1.0) {
             return Err(LadderError::Interrupted);
         }
@@ -305,17 +219,22 @@ fn measure(context: &LightContext, picture: &Picture, paths: u32) -> Result<Ligh
         };
         let (march_ms, sun_ms) = times(volume, &timed, &mut prepared);
         let from_truth = apart(&ours, &mut truth.iter().flatten().copied());
-        let from_exact = apart(&ours, &mut exact.iter().flatten().map(|v| f64::from(*v)));
+        let exact = LADDERS
+            .iter()
+            .zip(&exact)
+            .find(|(name, _)| **name == ladder)
+            .and_then(|(_, e)| e.as_ref());
+        let from_exact = exact.map(|e| apart(&ours, &mut e.iter().flatten().map(|v| f64::from(*v))));
         rows.push(LightRow {
             ladder,
             rung,
             error: ((from_truth - noise).max(0.0) / square).sqrt(),
-            occlusion_error: (ladder == LADDERS[1]).then(|| (from_exact / square).sqrt()),
+            own_error: from_exact.map(|e| (e / square).sqrt()),
             flip: flip(&bytes, &truth_picture, settings.width),
             brightness: ours.iter().flatten().map(|v| cut(f64::from(*v))).sum::<f64>() / shown,
             march_ms,
             sun_ms,
-            bytes: bytes_of(ladder, &settings.lighting, &grid),
+            bytes: rungs::bytes_of(ladder, &settings.lighting, &grid),
             pareto: false,
         });
         pictures.push(bytes);
@@ -387,7 +306,7 @@ pub fn png(report: &LightReport) -> Result<Vec<u8>, PlotError> {
                     if ladder == LADDERS[0] {
                         "relative error of radiance".to_owned()
                     } else {
-                        "the same by the occlusion alone".to_owned()
+                        "the same by this alone".to_owned()
                     },
                 ],
                 log: [true, true],
@@ -402,7 +321,7 @@ pub fn png(report: &LightReport) -> Result<Vec<u8>, PlotError> {
             }));
         }
     }
-    plot::png(&panels, 2, [760, 470])
+    plot::png(&panels, LADDERS.len(), [560, 400])
 }
 
 /// The pictures side by side as PNG, a row a scene: the truth first, then the rungs in the rows' order. Errors: `internal`.

@@ -212,7 +212,7 @@ pub(super) fn all(ways: &[(Scattering, u32)]) -> Vec<SlabRow> {
                 };
                 let reflected = leaves(true);
                 SlabShares {
-                    rung: super::scattering_name(*way),
+                    rung: super::rungs::scattering_name(*way),
                     reflected,
                     in_all: reflected + leaves(false) + straight,
                 }
