@@ -1,0 +1,298 @@
+//! Stages that fill tables and grids: number by number.
+
+use welkin_server::clouds::{cumulus_field, sun};
+use welkin_shaders::cpu::light::Atmosphere;
+use welkin_shaders::cpu::light::multiple_scattering_table::MultipleScatteringTable;
+use welkin_shaders::cpu::light::sky_light::SkyLight;
+use welkin_shaders::cpu::light::sky_table::{SkySource, SkyTable};
+use welkin_shaders::cpu::light::sky_visibility::sky_visibility;
+use welkin_shaders::cpu::light::sun_optical_depth::SunLight;
+use welkin_shaders::cpu::light::transmittance_table::TransmittanceTable;
+use welkin_shaders::cpu::view::Ground;
+use welkin_shaders::cpu::view::detail_noise::DetailNoise;
+use welkin_shaders::cpu::view::occupancy::Occupancy;
+use welkin_shaders::cpu::view::shape::Shape;
+use welkin_shaders::gpu::view_stages::{Air, ShapeGrid, SkyLightAsk, SkyView, SunMarch, ViewStages};
+use welkin_shaders::view::Slab;
+
+use super::{Bench, Pair};
+
+pub(super) fn padded(texels: &[[f32; 3]]) -> Vec<[f32; 4]> {
+    texels.iter().map(|t| [t[0], t[1], t[2], f32::NAN]).collect()
+}
+
+pub(super) fn halves(words: &[u32]) -> Vec<f32> {
+    words
+        .iter()
+        .flat_map(|w| [(w & 0xffff) as f32, (w >> 16) as f32])
+        .collect()
+}
+
+pub(super) fn tables(bench: &mut Bench) -> (Atmosphere, TransmittanceTable, MultipleScatteringTable) {
+    let air = bench.air();
+    let transmittance = TransmittanceTable::new(&air);
+    let multiple = MultipleScatteringTable::new(&air, &transmittance);
+    (air, transmittance, multiple)
+}
+
+pub(super) fn transmittance_table(bench: &mut Bench) -> Vec<Pair> {
+    let air = bench.air();
+    let cpu = TransmittanceTable::new(&air);
+    let table = bench.poisoned(ViewStages::TRANSMITTANCE_BYTES);
+    bench
+        .stages
+        .transmittance_table(&bench.uniform(&Air::new(&air)), &table)
+        .unwrap();
+    vec![Pair {
+        what: format!("{air:?}"),
+        gpu: bench.colours(&table, cpu.texels().len()),
+        cpu: cpu.texels().concat(),
+    }]
+}
+
+pub(super) fn multiple_scattering_table(bench: &mut Bench) -> Vec<Pair> {
+    let (air, transmittance, cpu) = tables(bench);
+    let table = bench.poisoned(ViewStages::MULTIPLE_BYTES);
+    let input = bench.input(&padded(transmittance.texels()));
+    bench
+        .stages
+        .multiple_scattering_table(&bench.uniform(&Air::new(&air)), &input, &table)
+        .unwrap();
+    vec![Pair {
+        what: format!("{air:?}"),
+        gpu: bench.colours(&table, cpu.texels().len()),
+        cpu: cpu.texels().concat(),
+    }]
+}
+
+pub(super) fn sky_table(bench: &mut Bench) -> Vec<Pair> {
+    let (air, transmittance, multiple) = tables(bench);
+    let inputs = [padded(transmittance.texels()), padded(multiple.texels())].map(|t| bench.input(&t));
+    [1.5, 900.0, 30_000.0]
+        .into_iter()
+        .map(|height_m| {
+            let sun = bench.sun();
+            let source = SkySource::sun(sun, height_m > 100.0);
+            let cpu = SkyTable::new(&air, &transmittance, &multiple, &source, None, height_m);
+            let table = bench.poisoned(ViewStages::SKY_BYTES);
+            let (air, view) = (bench.uniform(&Air::new(&air)), SkyView::new(&source, height_m));
+            bench
+                .stages
+                .sky_table(&air, &view, &inputs[0], &inputs[1], &table)
+                .unwrap();
+            let [r, g, b] = cpu.planes();
+            Pair {
+                what: format!("sun {sun:?} from {height_m} m"),
+                gpu: bench.colours(&table, r.len()),
+                cpu: (0..r.len()).flat_map(|n| [r[n], g[n], b[n]]).collect(),
+            }
+        })
+        .collect()
+}
+
+pub(super) fn sky_light(bench: &mut Bench) -> Vec<Pair> {
+    let (air, transmittance, multiple) = tables(bench);
+    let inputs = [padded(transmittance.texels()), padded(multiple.texels())].map(|t| bench.input(&t));
+    [Ground::Land, Ground::Sea]
+        .into_iter()
+        .map(|ground| {
+            let sun = bench.sun();
+            let base_top_m = [bench.between(100.0, 900.0), bench.between(1_000.0, 9_000.0)];
+            let source = SkySource::sun(sun, ground == Ground::Sea);
+            let moon = SkySource::moon(bench.sun(), [2.9e-6, 2.5e-6, 2e-6]);
+            let share = [0.0, 0.7][usize::from(ground == Ground::Sea)];
+            let of = |source| {
+                SkyLight::new(
+                    &air,
+                    &transmittance,
+                    &multiple,
+                    ground.albedo(),
+                    source,
+                    None,
+                    base_top_m,
+                )
+            };
+            let cpu = of(&source).with_moon(&of(&moon), share, ground.albedo(), moon.direction[2]);
+            let values = bench.stages.sky_light_buffer().unwrap();
+            bench.poison(&values);
+            let air = bench.uniform(&Air::new(&air));
+            for ask in [
+                SkyLightAsk::new(&source, ground, base_top_m),
+                SkyLightAsk::moon(&moon, share, ground, base_top_m),
+            ] {
+                bench
+                    .stages
+                    .sky_light(&air, &ask, &inputs[0], &inputs[1], &values)
+                    .unwrap();
+            }
+            let all = [
+                cpu.sun_at_base,
+                cpu.sun_at_top,
+                cpu.sun_at_ground,
+                cpu.sky_radiance,
+                cpu.sky_irradiance,
+                cpu.ground_radiance,
+            ];
+            Pair {
+                what: format!("{ground:?}, sun {sun:?}"),
+                gpu: bench.colours(&values, 6),
+                cpu: all.concat(),
+            }
+        })
+        .collect()
+}
+
+pub(super) fn shape(bench: &mut Bench) -> Vec<Pair> {
+    // Grids that do not fit workgroups, one cell wide, and one too large to be made finer.
+    [[37, 21, 18], [1, 9, 6], [6, 1, 5], [1, 1, 4], [128, 96, 90]]
+        .into_iter()
+        .map(|cells| {
+            let volume = bench.volume(cells, 0.2);
+            let cpu = Shape::new(&volume).unwrap();
+            let slab = Slab::new(&volume).unwrap();
+            let grid = ShapeGrid::new(&slab);
+            let extinction = bench.input(&slab.extinction_per_m);
+            let largest = bench.poisoned(extinction.size());
+            let words = bench.poisoned(grid.word_bytes());
+            let uniform = bench.uniform(&grid);
+            bench
+                .stages
+                .shape(&grid, &uniform, &extinction, &largest, &words)
+                .unwrap();
+            Pair {
+                what: format!("cells {cells:?}"),
+                gpu: halves(&bench.words(&words, cpu.words.len())),
+                cpu: halves(&cpu.words),
+            }
+        })
+        .collect()
+}
+
+pub(super) fn occupancy(bench: &mut Bench) -> Vec<Pair> {
+    [([33, 27, 19], 0.002), ([64, 1, 9], 0.01), ([7, 5, 40], 0.01)]
+        .into_iter()
+        .map(|(cells, share)| {
+            let mut volume = bench.volume(cells, share);
+            volume.extinction_per_m[cells[0] / 2] = 0.1;
+            volume.cloudy_levels = [0, cells[2]];
+            let slab = Slab::new(&volume).unwrap();
+            let cpu = Occupancy::new(&slab.extinction_per_m, slab.cells, slab.cell_size_m);
+            let grid = ShapeGrid::new(&slab);
+            let largest = bench.input(&slab.extinction_per_m);
+            let along = [0, 1].map(|_| bench.poisoned(largest.size()));
+            let words = bench.poisoned(grid.occupancy_bytes());
+            let uniform = bench.uniform(&grid);
+            bench
+                .stages
+                .occupancy(&grid, &uniform, &largest, [&along[0], &along[1]], &words)
+                .unwrap();
+            let count = cpu.distances().len();
+            let bytes = bench.context.read(&words, count.next_multiple_of(4) as u64).unwrap();
+            Pair {
+                what: format!("cells {cells:?}"),
+                gpu: bytes[..count].iter().map(|b| *b as f32).collect(),
+                cpu: cpu.distances().iter().map(|b| *b as f32).collect(),
+            }
+        })
+        .collect()
+}
+
+pub(super) fn sky_visibility_of_both(bench: &mut Bench) -> Vec<Pair> {
+    [[64, 64, 30], [33, 7, 12], [1, 40, 9], [300, 5, 6]]
+        .into_iter()
+        .map(|cells| {
+            let slab = Slab::new(&bench.volume(cells, 0.3)).unwrap();
+            let cpu = sky_visibility(&slab.extinction_per_m, [cells[0], cells[1]], slab.cell_size_m);
+            let extinction = bench.input(&slab.extinction_per_m);
+            let [above, below] = [0, 1].map(|_| bench.poisoned(extinction.size()));
+            bench.stages.sky_visibility(&slab, &extinction, &above, &below).unwrap();
+            let count = slab.extinction_per_m.len();
+            Pair {
+                what: format!("cells {cells:?}"),
+                gpu: [bench.floats(&above, count), bench.floats(&below, count)].concat(),
+                cpu: cpu.concat(),
+            }
+        })
+        .collect()
+}
+
+pub(super) fn sun_optical_depth(bench: &mut Bench) -> Vec<Pair> {
+    let field = cumulus_field(31, 9);
+    let ragged = bench.volume([24, 31, 14], 0.04);
+    let cases = [
+        (field, true, false, 35.0),
+        (ragged.clone(), false, false, 60.0),
+        (ragged.clone(), true, false, 0.5),
+        (ragged, true, true, 20.0),
+    ];
+    cases
+        .into_iter()
+        .flat_map(|(volume, carved, everywhere, elevation)| {
+            let sun = sun(elevation, bench.between(0.0, 360.0));
+            let cpu_shape = Shape::new(&volume).unwrap();
+            let slab = Slab::new(&volume).unwrap();
+            let grid = ShapeGrid::new(&slab);
+            let seen: [Vec<f32>; 2] =
+                [0, 1].map(|_| slab.extinction_per_m.iter().map(|_| bench.random.next()).collect());
+            let cpu = SunLight::new(&cpu_shape, &seen, carved, everywhere, sun);
+            let inputs = [
+                bench.input(&cpu_shape.words),
+                bench.input(&cpu_shape.occupancy().distances()[..]),
+                bench.input(&seen[0]),
+                bench.input(&seen[1]),
+            ];
+            let words = bench.poisoned(grid.word_bytes());
+            let shadow = bench.poisoned(grid.shadow_bytes());
+            bench
+                .stages
+                .sun_optical_depth(
+                    &grid,
+                    &bench.uniform(&grid),
+                    &SunMarch::along(sun, carved, everywhere),
+                    [&inputs[0], &inputs[1], &inputs[2], &inputs[3]],
+                    &words,
+                    &shadow,
+                )
+                .unwrap();
+            let gpu = bench.words(&words, cpu.words.len());
+            let parts = |words: &[u32]| -> Vec<f32> {
+                let part = |w: &u32| [(w & 0xffff) as f32, (w >> 16 & 0xff) as f32, (w >> 24) as f32];
+                words.iter().flat_map(part).collect()
+            };
+            // The map in the same steps of a thousandth; the share as one.
+            let mut map: Vec<f32> = cpu.shadow.iter().map(|t| t * 1e3).collect();
+            map.push(cpu.sunlit_share * 1e3);
+            let ours = bench.floats(&shadow, map.len());
+            let what = format!("sun at {elevation}, carved {carved}, everywhere {everywhere}");
+            [
+                Pair {
+                    what: format!("{what}: points"),
+                    gpu: parts(&gpu),
+                    cpu: parts(&cpu.words),
+                },
+                Pair {
+                    what: format!("{what}: shadow"),
+                    gpu: ours.iter().map(|t| t * 1e3).collect(),
+                    cpu: map,
+                },
+            ]
+        })
+        .collect()
+}
+
+pub(super) fn detail_noise(bench: &mut Bench) -> Vec<Pair> {
+    let cpu = DetailNoise::new();
+    let words = bench.poisoned(ViewStages::DETAIL_BYTES);
+    bench.stages.detail_noise(&words).unwrap();
+    let bytes = |words: &[u32]| {
+        words
+            .iter()
+            .flat_map(|w| w.to_le_bytes().map(f32::from))
+            .collect::<Vec<f32>>()
+    };
+    vec![Pair {
+        what: "the tile".to_owned(),
+        gpu: bytes(&bench.words(&words, cpu.words().len())),
+        cpu: bytes(cpu.words()),
+    }]
+}
