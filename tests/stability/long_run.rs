@@ -43,7 +43,7 @@ fn some_hundred_ticks_of_a_coarse_sky_stay_bounded() {
 }
 
 #[test]
-#[ignore = "takes an hour: a hundred thousand ticks of the default scene"]
+#[ignore = "takes half an hour of two free cores: a hundred thousand ticks of the default scene"]
 fn a_hundred_thousand_ticks_stay_bounded() {
     let cells: [u32; 3] = match std::env::var("WELKIN_LONG_RUN_CELLS") {
         Ok(text) => {
