@@ -171,7 +171,11 @@ pub enum ViewSampling {
 }
 
 impl ViewSampling {
-    /// Pixels along the side of a cell of which one is marched a picture, where pictures build on one another.
+    /// Whether a viewer's picture builds on what the one before has left.
+    pub fn builds_on_last(self) -> bool {
+        self.cell().is_some() || self == ViewSampling::Impostors
+    }
+    /// Pixels along the side of a cell of which one is marched a picture, where the others are looked up in the one before.
     pub fn cell(self) -> Option<usize> {
         match self {
             ViewSampling::EveryPixel | ViewSampling::HalfResolution | ViewSampling::Impostors => None,

@@ -182,3 +182,30 @@ fn steep_views_and_small_pictures_need_no_far_clouds() {
     render_live(None, &view(), &mut viewer.history, &mut viewer.prepared, &mut |_| {});
     assert!((viewer.history.bytes() as u64) < held / 4);
 }
+
+/// Who keeps histories of viewers keeps those that something builds on, and no others.
+#[test]
+fn what_builds_on_the_last_picture_says_so() {
+    let field = cumulus_field(7, 12);
+    for sampling in [
+        ViewSampling::EveryPixel,
+        ViewSampling::HalfResolution,
+        ViewSampling::Reproject4,
+        ViewSampling::Reproject16,
+        ViewSampling::Impostors,
+    ] {
+        let small = ViewSettings {
+            sampling,
+            ..settings(33, 19)
+        };
+        let mut viewer = Viewer::default();
+        render_live(
+            Some(&field),
+            &small,
+            &mut viewer.history,
+            &mut viewer.prepared,
+            &mut |_| {},
+        );
+        assert_eq!(viewer.history.bytes() > 0, sampling.builds_on_last(), "{sampling:?}");
+    }
+}

@@ -22,6 +22,7 @@ fn camera(azimuth_deg: f64) -> Value {
 async fn streams_march_what_the_scene_says_and_single_pictures_every_pixel() {
     for (sampling, stage) in [
         ("reproject_16", "reproject"),
+        ("impostors", "impostors"),
         ("half_resolution", "upsample"),
         ("every_pixel", "march"),
     ] {
@@ -37,7 +38,7 @@ async fn streams_march_what_the_scene_says_and_single_pictures_every_pixel() {
             pictures.push(FrameHeader::decode(&message).unwrap().1.to_vec());
         }
         assert_eq!(runs(&server, stage).await, Some(3), "{sampling}");
-        for other in ["reproject", "upsample"].iter().filter(|s| **s != stage) {
+        for other in ["reproject", "impostors", "upsample"].iter().filter(|s| **s != stage) {
             assert_eq!(runs(&server, other).await, None, "{sampling}: {other} is in its plan");
         }
         let marched = runs(&server, "march").await.unwrap();

@@ -422,7 +422,7 @@ impl Kept {
                 let size = [request.width, request.height];
                 // The past has no viewers who go on from picture to picture.
                 let live = !request.whole && !request.still && past.is_none();
-                let builds = live && methods::view_sampling(&snapshot.scene).cell().is_some();
+                let builds = live && methods::view_sampling(&snapshot.scene).builds_on_last();
                 let mut history = if builds {
                     self.history(viewer, &world.id, simulated_s)
                 } else {

@@ -131,9 +131,7 @@ pub fn render_live(
     prepared: &mut Prepared,
     after: &mut dyn FnMut(&'static str),
 ) -> Vec<u8> {
-    let (cell, sampling) = (settings.sampling.cell(), settings.sampling);
-    let builds_on = cell.is_some() || sampling == ViewSampling::Impostors;
-    if !builds_on || settings.width * settings.height == 0 {
+    if !settings.sampling.builds_on_last() || settings.width * settings.height == 0 {
         return render_watched(volume, settings, prepared, after);
     }
     let look = prepare(volume, settings, prepared, after);
@@ -143,7 +141,7 @@ pub fn render_live(
     let drawn = frame.is_some();
     if let Some(frame) = frame {
         let displacement_m = volume.map_or([0.0; 3], |v| v.air_displacement_m);
-        if let Some(cell) = cell {
+        if let Some(cell) = settings.sampling.cell() {
             reproject::draw(&frame, &look, displacement_m, cell, history, &mut samples, &mut picture);
             after("reproject");
         } else if let Some((shape, _)) = frame.cloud {
