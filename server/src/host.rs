@@ -20,8 +20,9 @@ use welkin_proto::{ApiError, Scene, validate};
 
 use crate::change::Change;
 use crate::machine::Machine;
-use crate::past_sky::PastSky;
+use crate::past_sky::{KeptSky, PastSky};
 use crate::picture::{self, StageTime};
+use crate::sample::When;
 use crate::watchdog::Fault;
 use crate::weather::{self, Desk, FieldSet, Past, Reach, Weather, WeatherInterest};
 use crate::world::{Snapshot, World};
@@ -153,6 +154,15 @@ impl View {
     /// The sky of its last minutes.
     pub fn past_sky(&self) -> &PastSky {
         &self.past_sky
+    }
+
+    /// The kept sky of a moment; none for now. Errors: those of [`PastSky::find`].
+    pub fn past_at(&self, when: When) -> Result<Option<Arc<KeptSky>>, ApiError> {
+        if when == When::Now {
+            return Ok(None);
+        }
+        let now_s = self.newest().snapshot.numbers.simulated_s;
+        self.past_sky().find(when, now_s).map(Some)
     }
 
     /// How long nobody has looked.

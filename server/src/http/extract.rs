@@ -3,7 +3,7 @@
 use axum::body::Bytes;
 use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
 use axum::http::request::Parts;
-use axum::http::{StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, header};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use std::sync::Arc;
@@ -71,16 +71,7 @@ impl FromRequest<AppState> for JsonText {
     type Rejection = Refusal;
 
     async fn from_request(request: Request, state: &AppState) -> Result<Self, Refusal> {
-        let media_type = request
-            .headers()
-            .get(header::CONTENT_TYPE)
-            .and_then(|v| v.to_str().ok())
-            .unwrap_or_default();
-        let essence = media_type.split(';').next().unwrap_or_default().trim();
-        if !essence.eq_ignore_ascii_case("application/json") {
-            let message = format!("the body's Content-Type is {essence:?}; it must be application/json");
-            return Err(ApiError::new("unsupported_media_type", message).into());
-        }
+        of_media_type(request.headers(), "application/json")?;
         let bytes = Bytes::from_request(request, state).await.map_err(|rejection| {
             if rejection.status() == StatusCode::PAYLOAD_TOO_LARGE {
                 let most = state.limits().body_bytes_max;
@@ -91,6 +82,18 @@ impl FromRequest<AppState> for JsonText {
         })?;
         Ok(Self(bytes))
     }
+}
+
+/// Errors: `unsupported_media_type` where the body is said to be anything else.
+pub fn of_media_type(headers: &HeaderMap, wanted: &str) -> Result<(), ApiError> {
+    let media_type = headers.get(header::CONTENT_TYPE).and_then(|v| v.to_str().ok());
+    let media_type = media_type.unwrap_or_default();
+    let essence = media_type.split(';').next().unwrap_or_default().trim();
+    if essence.eq_ignore_ascii_case(wanted) {
+        return Ok(());
+    }
+    let message = format!("the body's Content-Type is {essence:?}; it must be {wanted}");
+    Err(ApiError::new("unsupported_media_type", message))
 }
 
 /// Parses a JSON text; `bad_json` names the line and column.

@@ -5,13 +5,13 @@ use axum::response::Response;
 use welkin_proto::wire::LayerFormat;
 use welkin_proto::{ApiError, Camera};
 
-use super::error::{Refusal, internal};
+use super::error::Refusal;
 use super::query::{invalid, moment};
 use super::route::{Place::Query, Route};
 use super::state::AppState;
-use super::world_frame::{LAYER_MEDIA_TYPES, image_response, parse, view_parameters};
+use super::world_frame::{LAYER_MEDIA_TYPES, image_response, parse, single, view_parameters};
 use crate::host::View;
-use crate::host::renderer::{FrameRequest, Viewer};
+use crate::host::renderer::FrameRequest;
 use crate::limits::Limits;
 use crate::sample::When;
 
@@ -19,16 +19,7 @@ use crate::sample::When;
 pub fn parameters(route: Route, answer: &'static str) -> Route {
     view_parameters(route)
         .parameter::<LayerFormat>(Query, "format", "Coding; png.")
-        .parameter::<u64>(
-            Query,
-            "tick",
-            "The sky of this tick, if the past has kept it; the newest.",
-        )
-        .parameter::<f64>(
-            Query,
-            "simulated_s",
-            "The sky of this simulated second: the last that the past has kept at or before it.",
-        )
+        .past_parameters()
         .bytes(200, answer, &LAYER_MEDIA_TYPES)
         .past_errors()
         .error("out_of_range")
@@ -70,15 +61,8 @@ impl Wish {
 
     /// Has it drawn and answers with it. Errors: those of the past and of the renderer.
     pub async fn answer(mut self, view: View, state: &AppState) -> Result<Response, Refusal> {
-        if self.when != When::Now {
-            let now_s = view.newest().snapshot.numbers.simulated_s;
-            self.request.past = Some(view.past_sky().find(self.when, now_s)?);
-        }
-        let queued_max = state.limits().queued_frames_max;
-        let ticket = state
-            .renderer()
-            .request(Viewer::SNAPSHOTS, &view, self.request, queued_max)?;
-        let frame = ticket.answer.await.map_err(internal)??;
+        self.request.past = view.past_at(self.when)?;
+        let frame = single(state, &view, self.request).await?;
         let size = format!("{}x{}", frame.request.width, frame.request.height);
         let more = [
             (header::CACHE_CONTROL, "no-store".to_owned()),

@@ -2,6 +2,7 @@
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::str::FromStr;
+use std::sync::Arc;
 
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
@@ -16,9 +17,9 @@ use super::query::{invalid, moment, number, unknown};
 use super::route::{Place, Route};
 use super::state::AppState;
 use super::viewing::still_fits;
+use crate::host::View;
 use crate::host::renderer::{Frame, FrameRequest, LayersWish, Viewer};
 use crate::limits::Limits;
-use crate::sample::When;
 
 /// The size of a frame whose size nobody gave, pixels.
 const DEFAULT_SIZE: [u32; 2] = [640, 360];
@@ -41,16 +42,7 @@ pub fn route() -> Route {
     view_parameters(route)
         .parameter::<FrameFormat>(Query, "format", "Coding of the picture; jpeg.")
         .parameter::<FrameQuality>(Query, "quality", "How much the picture may cost, live or still; live.")
-        .parameter::<u64>(
-            Query,
-            "tick",
-            "The sky of this tick, if the past has kept it; the newest.",
-        )
-        .parameter::<f64>(
-            Query,
-            "simulated_s",
-            "The sky of this simulated second: the last that the past has kept at or before it.",
-        )
+        .past_parameters()
         .parameter::<String>(
             Place::Header,
             "If-None-Match",
@@ -116,10 +108,7 @@ async fn frame(
     drop(host); // the world may be stopped while the frame is rendered
     let (when, pairs) = moment(pairs)?;
     let mut request = parse(&pairs, &view.scene.camera, state.limits())?;
-    if when != When::Now {
-        let now_s = view.newest().snapshot.numbers.simulated_s;
-        request.past = Some(view.past_sky().find(when, now_s)?);
-    }
+    request.past = view.past_at(when)?;
     let query = fingerprint(&request);
     let revision = request
         .past
@@ -133,16 +122,19 @@ async fn frame(
         )
             .into_response());
     }
-    let queued_max = state.limits().queued_frames_max;
-    let ticket = state
-        .renderer()
-        .request(Viewer::SNAPSHOTS, &view, request, queued_max)?;
-    let frame = ticket.answer.await.map_err(internal)??;
+    let frame = single(&state, &view, request).await?;
     let tag = etag(&view.id, frame.revision, query);
     Ok(image_response(
         &frame,
         [(header::ETAG, tag), (header::CACHE_CONTROL, "no-cache".into())],
     ))
+}
+
+/// Has a picture drawn that no stream shows. Errors: those of the renderer.
+pub async fn single(state: &AppState, view: &View, request: FrameRequest) -> Result<Arc<Frame>, Refusal> {
+    let queued_max = state.limits().queued_frames_max;
+    let ticket = state.renderer().request(Viewer::SNAPSHOTS, view, request, queued_max)?;
+    Ok(ticket.answer.await.map_err(internal)??)
 }
 
 /// A frame as an answer.

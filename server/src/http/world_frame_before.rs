@@ -4,12 +4,12 @@ use std::sync::Arc;
 
 use axum::body::{Body, to_bytes};
 use axum::extract::State;
-use axum::http::{HeaderMap, header};
+use axum::http::HeaderMap;
 use axum::response::Response;
 use welkin_proto::ApiError;
 
 use super::error::Refusal;
-use super::extract::{Pairs, WorldOf};
+use super::extract::{Pairs, WorldOf, of_media_type};
 use super::layers::{Wish, parameters};
 use super::route::Route;
 use super::state::AppState;
@@ -39,17 +39,7 @@ async fn before(
     let view = host.view().clone();
     drop(host); // the world may be stopped while the picture is drawn
     let mut wish = Wish::new(pairs, &view.scene.camera, state.limits())?;
-    let media_type = headers.get(header::CONTENT_TYPE).and_then(|v| v.to_str().ok());
-    let essence = media_type
-        .unwrap_or_default()
-        .split(';')
-        .next()
-        .unwrap_or_default()
-        .trim();
-    if !essence.eq_ignore_ascii_case(MEDIA_TYPE) {
-        let message = format!("the body's Content-Type is {essence:?}; it must be {MEDIA_TYPE}");
-        return Err(ApiError::new("unsupported_media_type", message).into());
-    }
+    of_media_type(&headers, MEDIA_TYPE)?;
     let pixels = wish.request.width as usize * wish.request.height as usize;
     let most = state.limits().object_pixels_max;
     if pixels > most {

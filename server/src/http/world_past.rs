@@ -5,7 +5,7 @@ use axum::extract::State;
 use welkin_proto::volume::past::PastReport;
 
 use super::extract::WorldOf;
-use super::route::Route;
+use super::route::{Place, Route};
 use super::state::AppState;
 
 /// The route.
@@ -17,6 +17,19 @@ pub fn route() -> Route {
 }
 
 impl Route {
+    /// With the parameters that name a kept moment for a picture.
+    pub(super) fn past_parameters(self) -> Self {
+        self.parameter::<u64>(
+            Place::Query,
+            "tick",
+            "The sky of this tick, if the past has kept it; the newest.",
+        )
+        .parameter::<f64>(
+            Place::Query,
+            "simulated_s",
+            "The sky of this simulated second: the last that the past has kept at or before it.",
+        )
+    }
     /// With the errors that asking for a kept moment can give.
     pub(super) fn past_errors(mut self) -> Self {
         self.errors

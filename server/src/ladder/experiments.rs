@@ -10,7 +10,7 @@ use welkin_shaders::cpu::view::{MapKind, Prepared, SunOcclusion, ViewSettings, r
 use welkin_shaders::view::ViewSteps;
 
 use super::LadderError;
-use super::light::{occluded, occlusion_name, times};
+use super::light::{self, map, occluded, occlusion_name, times};
 use crate::clouds::{cumulus_field, settings};
 use crate::plot::{self, Chart, Panel, PlotError, Series};
 
@@ -105,14 +105,6 @@ fn ways(quick: bool) -> [SunOcclusion; 5] {
         SunOcclusion::LightGrid,
     ]
 }
-/// Steps that samples are held against.
-const EXACT_STEPS: u32 = 160;
-/// Optical depth of the steps that other steps of view are held against.
-const EXACT_STEP: ViewSteps = ViewSteps::ByOpticalDepth { optical_depth: 0.02 };
-
-const fn map(kind: MapKind, side: u32) -> SunOcclusion {
-    SunOcclusion::ShadowMap { kind, side }
-}
 
 struct Run<'a> {
     conditions: &'a Conditions<'a>,
@@ -135,6 +127,12 @@ impl Run<'_> {
             tick_ms,
             error: None,
         })
+    }
+
+    /// Radiance by what the ladder's rungs are held against.
+    fn exact(&mut self, volume: &CloudVolume, ladder: &str, base: &ViewSettings) -> Vec<[f32; 3]> {
+        let view = light::exact(ladder, base).unwrap_or(*base);
+        radiance(Some(volume), &view, &mut self.prepared)
     }
 
     fn apart(&mut self, volume: &CloudVolume, ours: &ViewSettings, exact: &[[f32; 3]]) -> f64 {
@@ -247,8 +245,7 @@ fn samples(run: &mut Run) -> Result<Experiment, LadderError> {
     let volume = cumulus_field(7, 12);
     let size = usual_size(run);
     let base = looking_up(size);
-    let exact = occluded(&base, SunOcclusion::SecondaryMarch { steps: EXACT_STEPS });
-    let exact = radiance(Some(&volume), &exact, &mut run.prepared);
+    let exact = run.exact(&volume, "sun_occlusion", &base);
     let counts: &[u32] = if run.conditions.quick {
         &[1, 10]
     } else {
@@ -498,7 +495,7 @@ fn segments(run: &mut Run) -> Result<Experiment, LadderError> {
     let size = usual_size(run);
     let base = looking_up(size);
     let by = |steps| ViewSettings { steps, ..base };
-    let exact = radiance(Some(&volume), &by(EXACT_STEP), &mut run.prepared);
+    let exact = run.exact(&volume, "view_steps", &base);
     let counts: &[u32] = if run.conditions.quick {
         &[2, 30]
     } else {

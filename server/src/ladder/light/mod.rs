@@ -30,7 +30,7 @@ use rungs::{Contender, LADDERS, SCATTERINGS};
 use scenes::Picture;
 
 pub use flip::flip;
-pub(super) use rungs::{occluded, occlusion_name};
+pub(super) use rungs::{exact, map, occluded, occlusion_name};
 pub use slabs::SlabRow;
 
 /// Radiance is cut at so many times the truth's mean: the sun's disc alone would be all there is.

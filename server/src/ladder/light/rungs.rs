@@ -39,7 +39,7 @@ const EXACT_PHASE: PhaseChoice = PhaseChoice::Mie {
     effective_radius_um: 9.0,
 };
 
-const fn map(kind: MapKind, side: u32) -> SunOcclusion {
+pub(in crate::ladder) const fn map(kind: MapKind, side: u32) -> SunOcclusion {
     SunOcclusion::ShadowMap { kind, side }
 }
 pub(super) fn scattering_name((scattering, octaves): (Scattering, u32)) -> String {
@@ -140,7 +140,7 @@ pub(super) fn contenders(base: &ViewSettings) -> Vec<Contender> {
 }
 
 /// The view by what a ladder's rungs are held against: the exact way, with all else as it is, for the error of that would hide theirs. Scatterings are held against traced paths.
-pub(super) fn exact(ladder: &str, base: &ViewSettings) -> Option<ViewSettings> {
+pub(in crate::ladder) fn exact(ladder: &str, base: &ViewSettings) -> Option<ViewSettings> {
     match ladder {
         "sun_occlusion" => Some(occluded(base, SunOcclusion::SecondaryMarch { steps: EXACT_STEPS })),
         "view_steps" => Some(ViewSettings {

@@ -1,6 +1,6 @@
 //! Stage `light_shafts`: the shadows that clouds throw into hazy air.
 //!
-//! Reads: the ray, [`Haze`], [`SkyLight`], the optical depths towards the beam of [`SunLight`] (its map below the clouds' lowest level, its points, filled everywhere for this, beside
+//! Reads: the ray, [`Frame`]'s haze and light, the optical depths towards the beam of [`SunLight`] (its map below the clouds' lowest level, its points, filled everywhere for this, beside
 //! the clouds), how far off the ray's cloud is and what passes it. Writes: radiance to be taken from the ray's, three colours. Scheme: the sky's radiance holds the light of air that
 //! the beam reaches everywhere; where cloud takes a share 1 - exp(-t) of the beam, the light that molecules and aerosol turn once towards the camera is less by that share, and more by
 //! what the cloud lets through diffusely (the ground's two-stream share), which the air turns evenly. Samples lie at random within equal parts of the square root of the way
@@ -14,13 +14,11 @@
 use std::f32::consts::PI;
 
 use super::ground::{GROUND_DIFFUSE_SHARE, shadow_depth};
-use super::haze::Haze;
 use super::lanes::Lanes;
-use super::march::slab;
+use super::march::{Frame, Met, Rays, slab};
 use super::shape::{Shape, trilinear};
 use crate::cpu::light::atmosphere::{AEROSOL_ALBEDO, AEROSOL_ASYMMETRY, AEROSOL_HEIGHT_M, RAYLEIGH_HEIGHT_M};
 use crate::cpu::light::phase::{henyey_greenstein, rayleigh};
-use crate::cpu::light::sky_light::SkyLight;
 use crate::cpu::light::sky_visibility::DIFFUSE_VISIBILITY;
 use crate::cpu::light::sun_optical_depth::{DEPTH_UNIT, SunLight, marched_direction};
 
@@ -31,40 +29,22 @@ crate::constants! {
     pub(crate) const SHAFT_REACH_M: f32 = 40_000.0;
 }
 
-/// What a ray's shadows depend on, beside the picture.
-pub(crate) struct ShaftRay {
-    /// Sine of the ray's rise, and what the Earth's curve adds to heights, 1/m.
-    pub(crate) rise: Lanes,
-    /// See `rise`.
-    pub(crate) curve: Lanes,
-    /// Where the ray ends, m.
-    pub(crate) end_m: Lanes,
-    /// Cosine of the angle to the beam.
-    pub(crate) turn: Lanes,
-    /// The pixel's pattern, 0 to 1.
-    pub(crate) pattern: Lanes,
-    /// Mean distance of the ray's cloud, m, and what passes it.
-    pub(crate) cloud_m: Lanes,
-    /// See `cloud_m`.
-    pub(crate) through: Lanes,
-}
-
-/// Radiance that shadows take from sixteen rays from `origin_m` along `d`, by `samples` samples each; less than zero where cloud sends more than it takes.
+/// Radiance that shadows take from sixteen rays to `end_m` that have met `cloud`, in the frame of a cloud; less than zero where cloud sends more than it takes.
 #[inline(always)]
-pub(crate) fn taken(
-    samples: u32,
-    (haze, light): (&Haze, &SkyLight),
-    beam_direction: [f32; 3],
+pub(super) fn taken(
+    frame: &Frame<'_>,
     (shape, sun_light): (&Shape, &SunLight),
-    origin_m: [f32; 3],
-    d: &[Lanes; 3],
-    ray: &ShaftRay,
+    rays: &Rays,
+    cloud: &Met,
+    end_m: Lanes,
 ) -> [Lanes; 3] {
     let (zero, one) = (Lanes::splat(0.0), Lanes::splat(1.0));
-    let [ox, oy, oz] = origin_m;
+    let [ox, oy, oz] = frame.position_m;
+    let (haze, light, beam_direction) = (&frame.haze, frame.light, frame.beam_direction);
+    let (d, rise, samples) = (&rays.d, rays.d[2], frame.shaft_samples);
     let mut sum = [zero; 3];
-    let (first, last) = slab(oz, ray.rise, ray.curve, 0.0, shape.top_m);
-    let last = last.min(ray.end_m).min(Lanes::splat(SHAFT_REACH_M));
+    let (first, last) = slab(oz, rise, rays.curve, 0.0, shape.top_m);
+    let last = last.min(end_m).min(Lanes::splat(SHAFT_REACH_M));
     // Rays that never meet the slab take part from a finite place.
     let first = first.min(last.max(zero));
     let way = last - first;
@@ -73,8 +53,8 @@ pub(crate) fn taken(
     }
     let (mut once, mut droplets) = (zero, zero);
     for l in 0..once.0.len() {
-        once.0[l] = rayleigh(ray.turn.0[l]);
-        droplets.0[l] = henyey_greenstein(AEROSOL_ASYMMETRY, ray.turn.0[l]);
+        once.0[l] = rayleigh(rays.turn.0[l]);
+        droplets.0[l] = henyey_greenstein(AEROSOL_ASYMMETRY, rays.turn.0[l]);
     }
     let sun = marched_direction(beam_direction);
     let bottom_m = shape.bottom_m.max(1.0);
@@ -83,10 +63,10 @@ pub(crate) fn taken(
     let even = GROUND_DIFFUSE_SHARE * 2.0 * beam_direction[2].max(0.0) / (4.0 * PI);
     let part = 1.0 / samples as f32;
     for n in 0..samples {
-        let u = (ray.pattern + n as f32) * part;
+        let u = (rays.pattern + n as f32) * part;
         let t = first + way * u * u;
         let length = (way * u * (2.0 * part)).max(zero);
-        let z = t * (ray.rise + ray.curve * t) + oz;
+        let z = t * (rise + rays.curve * t) + oz;
         let (x, y) = (d[0] * t + ox, d[1] * t + oy);
         let below = Lanes::splat(shape.bottom_m) - z;
         let mut depth = zero;
@@ -106,8 +86,8 @@ pub(crate) fn taken(
         let aerosol = (climb * (-1.0 / AEROSOL_HEIGHT_M)).exp()
             * (droplets * blocked - spread)
             * (haze.aerosol_per_m * AEROSOL_ALBEDO);
-        let passed = haze.transmittance(t, ray.rise);
-        let seen = Lanes::select_less(t, ray.cloud_m, one, ray.through) * length;
+        let passed = haze.transmittance(t, rise);
+        let seen = Lanes::select_less(t, cloud.distance_m, one, cloud.through) * length;
         let (low, high) = (
             (z * (1.0 / bottom_m)).clamp(0.0, 1.0),
             ((z - shape.bottom_m) * per_depth).clamp(0.0, 1.0),

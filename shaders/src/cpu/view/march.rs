@@ -21,7 +21,6 @@ use super::detail_noise::DetailNoise;
 use super::ground::Ground;
 use super::haze::Haze;
 use super::lanes::{LANES, Lanes};
-use super::light_shafts::ShaftRay;
 use super::shape::{CARVE_EDGE, Shape, trilinear};
 use super::{ground, light_shafts, tone_map};
 use crate::cpu::light::atmosphere::EARTH_RADIUS_M;
@@ -347,13 +346,13 @@ pub(super) struct Rays {
     /// Unit vectors.
     pub(super) d: [Lanes; 3],
     /// Height along the ray: camera + d.z t + curve t^2.
-    curve: Lanes,
+    pub(super) curve: Lanes,
     /// 1 where the ground is met, else 0.
     down: Lanes,
     /// Distance at which the ground is met, or at which the ray ends in the sky, m.
     pub(super) end: Lanes,
     /// Cosine of what the beam is turned by towards the camera.
-    turn: Lanes,
+    pub(super) turn: Lanes,
     /// Pattern of the pixels: interleaved gradient noise (Jimenez 2014), for the march's start and against bands.
     pub(super) pattern: Lanes,
 }
@@ -499,24 +498,7 @@ fn shaded(frame: &Frame<'_>, rays: &Rays, cloud: &Met, end_m: Lanes, light: &mut
     let Some(shone_on) = frame.cloud.filter(|_| frame.shaft_samples > 0) else {
         return;
     };
-    let ray = ShaftRay {
-        rise: rays.d[2],
-        curve: rays.curve,
-        end_m,
-        turn: rays.turn,
-        pattern: rays.pattern,
-        cloud_m: cloud.distance_m,
-        through: cloud.through,
-    };
-    let taken = light_shafts::taken(
-        frame.shaft_samples,
-        (&frame.haze, frame.light),
-        frame.beam_direction,
-        shone_on,
-        frame.position_m,
-        &rays.d,
-        &ray,
-    );
+    let taken = light_shafts::taken(frame, shone_on, rays, cloud, end_m);
     for c in 0..3 {
         light[c] = (light[c] - taken[c]).max(Lanes::splat(0.0));
     }

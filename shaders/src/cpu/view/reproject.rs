@@ -19,7 +19,7 @@ use rayon::prelude::*;
 use super::impostors::Impostors;
 use super::lanes::{Indices, LANES, Lanes};
 use super::march::{Frame, Met, Out, PACKET_ROWS, Rays};
-use super::upsample::{SAMPLE_NUMBERS, Samples, Scratch, extremes, finish_rows, march_grid};
+use super::upsample::{SAMPLE_NUMBERS, Samples, Scratch, extremes, finish_rows, march_grid, taps};
 use crate::cpu::light::atmosphere::EARTH_RADIUS_M;
 use crate::view::Look;
 
@@ -232,13 +232,7 @@ fn recall(
             missing.0[l] = 0.0;
         }
     }
-    let number = |n: usize| {
-        let mut taps = [zero; 4];
-        for (tap, index) in taps.iter_mut().zip(&at) {
-            *tap = index.plus((n * samples.columns) as u32).gather_f32(&samples.numbers);
-        }
-        taps
-    };
+    let number = |n: usize| taps(&samples.numbers, &at, n * samples.columns);
     let colours = [number(0), number(1), number(2)];
     let through = number(3);
     let distance = number(4);
@@ -338,13 +332,7 @@ fn looked_up(before: &Before<'_>, x: Lanes, y: Lanes) -> Met {
         }
     }
     let shares = [(one - fx) * (one - fy), fx * (one - fy), (one - fx) * fy, fx * fy];
-    let number = |n: usize| {
-        let mut taps = [zero; 4];
-        for (tap, index) in taps.iter_mut().zip(&at) {
-            *tap = index.plus((n * before.width) as u32).gather_f32(before.numbers);
-        }
-        taps
-    };
+    let number = |n: usize| taps(before.numbers, &at, n * before.width);
     let mixed =
         |taps: &[Lanes; 4]| taps[0] * shares[0] + taps[1] * shares[1] + taps[2] * shares[2] + taps[3] * shares[3];
     let through = number(3);

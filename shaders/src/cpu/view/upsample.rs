@@ -211,13 +211,7 @@ fn between(frame: &Frame<'_>, samples: &Samples, first_column: usize, first_row:
             index.0[l] = (row * row_numbers + column) as u32;
         }
     }
-    let number = |n: usize| {
-        let mut taps = [zero; 4];
-        for (tap, index) in taps.iter_mut().zip(&at) {
-            *tap = index.plus((n * samples.columns) as u32).gather_f32(&samples.numbers);
-        }
-        taps
-    };
+    let number = |n: usize| taps(&samples.numbers, &at, n * samples.columns);
     let colours = [number(0), number(1), number(2)];
     let through = number(3);
     let distance = number(4);
@@ -248,6 +242,16 @@ fn between(frame: &Frame<'_>, samples: &Samples, first_column: usize, first_row:
     let apart = (farthest - nearest) * opacity;
     open = Lanes::select_less(farthest * AGREES_DISTANCE, apart, one, open);
     (met, open)
+}
+
+/// Four numbers for each of sixteen places, `offset` behind these.
+#[inline(always)]
+pub(super) fn taps(numbers: &[f32], at: &[Indices; 4], offset: usize) -> [Lanes; 4] {
+    let mut taps = [Lanes::splat(0.0); 4];
+    for (tap, index) in taps.iter_mut().zip(at) {
+        *tap = index.plus(offset as u32).gather_f32(numbers);
+    }
+    taps
 }
 
 /// In pairs, so that the mean of four equal numbers is that number.
