@@ -10,12 +10,11 @@ use welkin_proto::view::{
 use welkin_proto::{ApiError, Camera};
 use welkin_shaders::cpu::light::analytic_sky::SkyMethod;
 use welkin_shaders::cpu::light::march_phase::MarchPhase;
-use welkin_shaders::cpu::light::phase_table::PhaseChoice;
 use welkin_shaders::cpu::light::stars::StarTable;
 use welkin_shaders::gpu::Bind;
 use welkin_shaders::gpu::view_kernels::{VIEW_KERNELS, VIEW_STRUCTS, reflect, view_constants};
 use welkin_shaders::gpu::view_stages::{Air, MARCH_PHASE, SkyLightAsk, SkyView, SunMarch, ViewFrame};
-use welkin_shaders::view::{Look, Scattering};
+use welkin_shaders::view::{Look, PhaseKey};
 use welkin_shaders::wgsl::{self, Layout, Literal};
 
 use crate::world::Snapshot;
@@ -114,14 +113,13 @@ fn layout(layout: &Layout) -> ShaderStruct {
 
 /// The phase function that was told last: pages ask again and again, and Mie's takes a while.
 static PHASE: Mutex<Option<(PhaseKey, Arc<MarchPhase>)>> = Mutex::new(None);
-type PhaseKey = (PhaseChoice, Scattering);
 
 fn phase_of(key: PhaseKey) -> Arc<MarchPhase> {
     let mut kept = PHASE.lock().unwrap_or_else(PoisonError::into_inner);
     match kept.as_ref().filter(|(k, _)| *k == key) {
         Some((_, phase)) => phase.clone(),
         None => {
-            let phase = Arc::new(MarchPhase::new(key.0, key.1));
+            let phase = Arc::new(MarchPhase::new(key.0, key.1, key.2));
             *kept = Some((key, phase.clone()));
             phase
         }
@@ -145,7 +143,7 @@ pub fn scenery(snapshot: &Snapshot) -> Result<Scenery, ApiError> {
         let message = "the scene lights its clouds by a method that only the server's CPU has; ask for its frames";
         return Err(ApiError::new("method_needs_cpu", message));
     }
-    let phase = phase_of((look.lighting.phase, look.lighting.scattering));
+    let phase = phase_of(look.phase_key());
     let air = Air::new(&look.air);
     let frame = ViewFrame::new(&look, &settings, true, 1, phase.depth_scale);
     let sun = look.sources().sun;

@@ -267,6 +267,8 @@ pub struct Sources {
 
 /// Volume, detail, map, its side, sun: what a map of the sun's rays depends on.
 pub type SunMapKey = (u64, Option<FrameDetail>, MapKind, u32, [f32; 3]);
+/// Phase function, method, octaves: what the numbers that the march turns light by depend on.
+pub type PhaseKey = (PhaseChoice, Scattering, usize);
 /// Volume, whether carved, sun, phase function: what the diffuse light depends on, and the light of fitted slabs.
 pub type DiffuseKey = (u64, bool, [f32; 3], PhaseChoice);
 
@@ -390,6 +392,11 @@ impl Look {
         let base_top = slab.map_or([0.0, 1_000.0], |[bottom_m, top_m]| [bottom_m.max(1.0), top_m]);
         (self.air, self.ground, self.sources(), base_top)
     }
+    /// Key of the numbers that the march turns light by.
+    pub fn phase_key(&self) -> PhaseKey {
+        (self.lighting.phase, self.lighting.scattering, self.octaves)
+    }
+
     /// Steps of the march from each sample towards the sun; 0 where there is none.
     pub fn secondary_steps(&self) -> u32 {
         match self.lighting.sun_occlusion {

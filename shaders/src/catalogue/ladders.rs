@@ -217,8 +217,8 @@ rungs! {
         "light of the forward peak goes on, the rest is scattered once"
         keeps "energy, in that it loses what the rest scatters again";
     Octaves Scattering "octaves" Devices::Both, None,
-        "octaves of thinner cloud and rounder phase functions"
-        keeps "no energy: thin cloud gets too much light, thick cloud too little";
+        "octaves of thinner cloud and rounder phase functions, as strong as a level slab gives back"
+        keeps "energy in level slabs, to some parts in a hundred; too bright just inside clouds that end sideways, too dim on their sides by a low sun";
     Diffusion Scattering "diffusion" DIFFUSION_DEVICES, None,
         "the beam, what goes about its way, and what diffuses"
         keeps "energy, to the solver's bound";

@@ -109,7 +109,7 @@ modules! {
     "view/ground" constants [view_twins::ground::WGSL, light::sky_visibility::WGSL] structs [SkyLightValues::LAYOUT, ViewFrame::LAYOUT];
     "view/tone_map" constants [view_twins::tone_map::WGSL] structs [];
     "view/light_shafts" constants [view_twins::light_shafts::WGSL, light::sun_optical_depth::WGSL] structs [ViewFrame::LAYOUT, SkyLightValues::LAYOUT];
-    "view/march" constants [view_twins::march::WGSL, light::sun_optical_depth::WGSL, light::march_phase::WGSL] structs [ViewFrame::LAYOUT, SkyLightValues::LAYOUT, MARCH_PHASE];
+    "view/march" constants [view_twins::march::WGSL, light::sun_optical_depth::WGSL, light::march_phase::WGSL, light::octave_shares::WGSL] structs [ViewFrame::LAYOUT, SkyLightValues::LAYOUT, MARCH_PHASE];
     "view/upsample" constants [view_twins::upsample::WGSL] structs [Sampling::LAYOUT];
     "view/layers" constants [view_twins::layers::WGSL] structs [Layering::LAYOUT];
 }

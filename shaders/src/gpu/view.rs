@@ -11,7 +11,6 @@ use super::{Context, GpuError, Kernel};
 use crate::CloudVolume;
 use crate::cpu::light::march_phase::MarchPhase;
 use crate::cpu::light::multiple_scattering_table::MultipleScatteringTable;
-use crate::cpu::light::phase_table::PhaseChoice;
 use crate::cpu::light::sky_light::SkyLight;
 use crate::cpu::light::sky_table::{SkyTable, horizon_sine, sun_azimuth};
 use crate::cpu::light::stars::StarTable;
@@ -19,7 +18,7 @@ use crate::cpu::light::sun_optical_depth::marched_direction;
 use crate::cpu::light::transmittance_table::TransmittanceTable;
 use crate::cpu::view::haze::Haze;
 use crate::view::{
-    Ground, LightKey, Look, Scattering, SkyKey, Slab, SunLightKey, ViewSampling, ViewSettings, fingerprint,
+    Ground, LightKey, Look, PhaseKey, SkyKey, Slab, SunLightKey, ViewSampling, ViewSettings, fingerprint,
 };
 
 /// Pixels that one submission draws at most: a slow GPU's watchdog ends what runs for seconds.
@@ -81,7 +80,7 @@ pub struct GpuView {
     buffers: CloudBuffers,
     shape: Option<(u64, Option<Cloud>)>,
     sun_light: Option<(SunLightKey, CloudLight)>,
-    phase: Option<((PhaseChoice, Scattering), f32, wgpu::Buffer)>,
+    phase: Option<(PhaseKey, f32, wgpu::Buffer)>,
     frame: wgpu::Buffer,
     picture: Option<wgpu::Buffer>,
 }
@@ -181,9 +180,9 @@ impl GpuView {
     }
 
     fn prepare_phase(&mut self, look: &Look, after: &mut dyn FnMut(&'static str)) -> Result<(), GpuError> {
-        let key = (look.lighting.phase, look.lighting.scattering);
+        let key = look.phase_key();
         if self.phase.as_ref().is_none_or(|(k, ..)| *k != key) {
-            let phase = MarchPhase::new(key.0, key.1);
+            let phase = MarchPhase::new(key.0, key.1, key.2);
             let buffer = self.context.uniform("the phase function", phase.bytes())?;
             self.phase = Some((key, phase.depth_scale, buffer));
             after("march_phase");

@@ -107,6 +107,26 @@ fn phase_of_octave(octave: u32, mu: f32) -> f32 {
     return mix(phase.quads[first + i / 4u][i % 4u], phase.quads[first + j / 4u][j % 4u], place - f32(n));
 }
 
+/// Factor on the sum of octaves at a place `depth` behind the cloud's surface towards the sun, where the shares `sky` and `ground` of diffuse light come from above and from below; see the
+/// twin's `octave_shares`.
+fn octave_share(depth: f32, sky: f32, ground: f32) -> f32 {
+    let last = f32(OCTAVE_SHARE_NODES - 1u);
+    let sun = frame.marched_beam.z;
+    let above = (1.0 / max(sky, 1e-3) - 1.0) / LEVEL_RESISTANCE;
+    let ratio = clamp((above + LEVEL_DEPTH * sun) / (depth + LEVEL_DEPTH), sun, 1.0);
+    let cosine = mix(sun, ratio, TURNED_SHARE * clamp((LEVEL_FROM - depth) / LEVEL_OVER, 0.0, 1.0));
+    let between = clamp(last * cosine, 0.0, last - 1e-3);
+    let passage = clamp(last * sky * ground / max(sky + ground - sky * ground, 1e-6), 0.0, last - 1e-3);
+    let i = u32(between) * OCTAVE_SHARE_NODES + u32(passage);
+    let j = i + OCTAVE_SHARE_NODES;
+    let rest = fract(passage);
+    return mix(mix(share_at(i), share_at(i + 1u), rest), mix(share_at(j), share_at(j + 1u), rest), fract(between));
+}
+
+fn share_at(n: u32) -> f32 {
+    return phase.quads[PHASE_SHARES_FIRST + n / 4u][n % 4u];
+}
+
 /// Optical depth from `p` towards the sun by a march of steps that grow with distance; midpoint rule.
 fn secondary_march(p: vec3<f32>, t: f32) -> f32 {
     let sun = frame.marched_beam.xyz;
@@ -209,6 +229,9 @@ fn march_before(ray: Ray, limit_m: f32) -> Met {
             for (var octave = frame.octaves; octave > 0u; octave--) {
                 scattered += phases[octave] * passed;
                 passed *= passed;
+            }
+            if (frame.octaves > 0u) {
+                scattered *= octave_share(depth, sky_seen / 255.0, ground_seen / 255.0);
             }
             let kept = exp2(thick * min(step, limit_m - begun) * -LOG2_E);
             let share = through * (1.0 - kept);

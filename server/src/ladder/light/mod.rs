@@ -359,13 +359,23 @@ mod tests {
         for row in &rows {
             let of = |name: &str| row.march.iter().find(|r| r.rung == name).unwrap();
             assert!(row.march.iter().all(|r| r.reflected > 0.0), "{row:?}");
-            let octaves = ["single", "octaves 2", "octaves 8"].map(|name| of(name).reflected);
-            assert!(octaves[0] < octaves[1] && octaves[1] < octaves[2], "{row:?}");
+            // Octaves bring what is left, but for few octaves in thick slabs: their factor is bounded. They turn back somewhat more than they should, for
+            // their phase functions round faster than light's.
+            for name in ["octaves 6", "octaves 8"] {
+                assert!(of(name).in_all > 0.9, "{name}: {row:?}");
+                assert!(
+                    (of(name).reflected - row.discrete_ordinates).abs() < 0.15,
+                    "{name}: {row:?}"
+                );
+            }
             // None of these makes light; the rule of six directions and the march's steps are good to a hundredth or two, and diffusion is on cells of
             // up to 1.3 optical depths.
             for (name, most) in [
                 ("single", 1.02),
                 ("multiple_forward", 1.02),
+                ("octaves 2", 1.03),
+                ("octaves 6", 1.03),
+                ("octaves 8", 1.03),
                 ("diffusion", 1.08),
                 ("slab", 1.05),
             ] {

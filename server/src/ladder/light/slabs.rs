@@ -189,7 +189,7 @@ pub(super) fn all(ways: &[(Scattering, u32)]) -> Vec<SlabRow> {
             let sun_light = SunLight::new(&shape, &seen, false, false, sun);
             let straight = (-depth / sun_cosine).exp();
             let shares = ways.iter().map(|way| {
-                let phase = MarchPhase::new(one_lobe(*asymmetry), way.0);
+                let phase = MarchPhase::new(one_lobe(*asymmetry), way.0, way.1 as usize);
                 let diffuse =
                     (way.0 == Scattering::Diffusion).then(|| Diffuse::new(&shape, &sun_light, false, phase.asymmetry));
                 let slab = (way.0 == Scattering::Slab)

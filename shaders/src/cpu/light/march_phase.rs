@@ -3,12 +3,12 @@
 //! Reads: [`PhaseChoice`], [`Scattering`]. Writes: [`MarchPhase`]: of light that is scattered once the phase function in three colours at the nodes of [`PhaseTable`], and of each octave behind it
 //! one function for all colours at [`PHASE_OCTAVE_NODES`] cosines equally far apart; 1/sr; linear between. Scheme: an octave's light was turned before, so that it sees a rounder function
 //! (Wrenninge et al. 2013): a Henyey-Greenstein function's asymmetry times e^n. For any other function the same is a convolution over the sphere with
-//! Henyey and Greenstein's function of asymmetry e^n: its Legendre moments times e^(n l), which are what is scaled in that one. Of the fit for droplets both asymmetries
-//! and Draine's parameter are scaled, as its formula allows. Octaves carry the weights that they are summed with.
+//! Henyey and Greenstein's function of asymmetry e^n: its Legendre moments times e^(n l), which are what is scaled in that one. Octaves carry
+//! the weights that they are summed with, and the march scales their sum by [`super::octave_shares`], which follow the two tables.
 //!
 //! `multiple_forward` takes the function without its chopped peak, unscaled: light within the peak goes on (seed 002, seed 004), so that what is left integrates to less than 1.
 
-use super::phase::Droplets;
+use super::octave_shares::{OCTAVE_SHARE_NODES, octave_shares};
 use super::phase_table::{PHASE_HALF_NODES, PHASE_NODES, PhaseChoice, PhaseTable, chopped, node_cosine, ordered};
 use crate::cpu::view::march::{OCTAVE_CONTRIBUTION, OCTAVE_ECCENTRICITY, OCTAVES_MAX};
 use crate::view::Scattering;
@@ -18,13 +18,15 @@ crate::constants! {
     pub const PHASE_OCTAVE_NODES: usize = 128;
     /// Nodes of each half of the first function.
     pub const PHASE_FIRST_HALF: usize = PHASE_HALF_NODES;
-    /// Numbers, four at a time: nodes of the first function as red, green, blue and nothing; then four nodes of an octave in each.
-    pub const PHASE_QUADS: usize = PHASE_NODES + OCTAVES_MAX * PHASE_OCTAVE_NODES / 4;
+    /// The quad that the octaves' shares begin at.
+    pub const PHASE_SHARES_FIRST: usize = PHASE_NODES + OCTAVES_MAX * PHASE_OCTAVE_NODES / 4;
+    /// Numbers, four at a time: nodes of the first function as red, green, blue and nothing; then four nodes of an octave in each; then the octaves' shares.
+    pub const PHASE_QUADS: usize = PHASE_SHARES_FIRST + OCTAVE_SHARE_NODES * OCTAVE_SHARE_NODES / 4 + 1;
 }
-/// Legendre moments that octaves are made of: 0.55^40 is 4e-11.
-const MOMENTS: usize = 41;
+/// Legendre moments that octaves are made of: 0.75^40 is 1e-5.
+pub(super) const MOMENTS: usize = 41;
 /// Points and weights of Gauss and Legendre's rule of three on 0 to 1.
-const GAUSS: [[f64; 2]; 3] = [
+pub(super) const GAUSS: [[f64; 2]; 3] = [
     [0.112_701_665_379_258_3, 5.0 / 18.0],
     [0.5, 8.0 / 18.0],
     [0.887_298_334_620_741_7, 5.0 / 18.0],
@@ -42,8 +44,8 @@ pub struct MarchPhase {
 }
 
 impl MarchPhase {
-    /// Makes the numbers; a millisecond, for Mie some tenths of a second.
-    pub fn new(choice: PhaseChoice, scattering: Scattering) -> MarchPhase {
+    /// Makes the numbers for so many octaves; some milliseconds, for Mie some tenths of a second.
+    pub fn new(choice: PhaseChoice, scattering: Scattering, octaves: usize) -> MarchPhase {
         let table = PhaseTable::new(choice);
         let mut first = table.colours.clone();
         let mut depth_scale = 1.0;
@@ -65,21 +67,26 @@ impl MarchPhase {
             .map(|n| [first[0][n] as f32, first[1][n] as f32, first[2][n] as f32, 0.0])
             .collect();
         let (mut weight, mut eccentricity) = (1.0f32, 1.0f32);
+        let mut rounder = Vec::with_capacity(OCTAVES_MAX);
         for _ in 0..OCTAVES_MAX {
             weight *= OCTAVE_CONTRIBUTION;
             eccentricity *= OCTAVE_ECCENTRICITY;
             let values: Vec<f32> = (0..PHASE_OCTAVE_NODES)
                 .map(|n| 1.0 - 2.0 * n as f32 / (PHASE_OCTAVE_NODES - 1) as f32)
-                .map(|mu| {
-                    let value = match choice {
-                        PhaseChoice::Droplets { diameter_um } => Droplets::new(diameter_um).value(eccentricity, mu),
-                        _ => rounded(&moments, f64::from(eccentricity), f64::from(mu)) as f32,
-                    };
-                    value * weight
-                })
+                .map(|mu| rounded(&moments, f64::from(eccentricity), f64::from(mu)) as f32 * weight)
                 .collect();
             quads.extend(values.chunks_exact(4).map(|v| [v[0], v[1], v[2], v[3]]));
+            let factors = (0..MOMENTS as i32).map(|l| f64::from(weight) * f64::from(eccentricity).powi(l));
+            let mut weighed = moments;
+            weighed
+                .iter_mut()
+                .zip(factors)
+                .for_each(|(moment, factor)| *moment *= factor);
+            rounder.push(weighed);
         }
+        let mut shares = octave_shares(&moments, &rounder[..octaves.min(OCTAVES_MAX)]);
+        shares.resize(4 * (PHASE_QUADS - PHASE_SHARES_FIRST), 0.0);
+        quads.extend(shares.chunks_exact(4).map(|v| [v[0], v[1], v[2], v[3]]));
         MarchPhase {
             quads,
             depth_scale: depth_scale as f32,
@@ -123,6 +130,11 @@ impl MarchPhase {
         };
         at(n) + (at(n + 1) - at(n)) * share
     }
+
+    /// Factors on the sum of octaves, laid out as [`super::octave_shares`] says.
+    pub(crate) fn octave_shares(&self) -> &[f32] {
+        self.quads[PHASE_SHARES_FIRST..].as_flattened()
+    }
 }
 
 /// Legendre moments of a function at the nodes, linear in the cosine between; the first is its integral over the sphere.
@@ -154,7 +166,7 @@ fn rounded(moments: &[f64; MOMENTS], eccentricity: f64, mu: f64) -> f64 {
 }
 
 /// Legendre's polynomials at `mu`.
-fn legendre(mu: f64) -> [f64; MOMENTS] {
+pub(super) fn legendre(mu: f64) -> [f64; MOMENTS] {
     let mut p = [1.0; MOMENTS];
     p[1] = mu;
     for l in 2..MOMENTS {

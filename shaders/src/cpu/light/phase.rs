@@ -48,12 +48,10 @@ impl Droplets {
             weight: (-0.599085 / (d - 0.641583) - 0.665888).exp(),
         }
     }
-    /// The phase function with both asymmetries scaled by `eccentricity` (1 is the function itself; less is what light
-    /// scattered more often sees), 1/sr.
+    /// The phase function, 1/sr.
     #[inline(always)]
-    pub fn value(&self, eccentricity: f32, mu: f32) -> f32 {
-        (1.0 - self.weight) * henyey_greenstein(self.g_peak * eccentricity, mu)
-            + self.weight * draine(self.g_rest * eccentricity, self.alpha * eccentricity, mu)
+    pub fn value(&self, mu: f32) -> f32 {
+        (1.0 - self.weight) * henyey_greenstein(self.g_peak, mu) + self.weight * draine(self.g_rest, self.alpha, mu)
     }
 }
 
@@ -88,7 +86,7 @@ mod tests {
     fn droplets_have_the_asymmetry_of_mie() {
         for (d, g) in [(10.0, 0.8377), (20.0, 0.8630), (50.0, 0.8724)] {
             let droplets = Droplets::new(d);
-            let (whole, mean) = over_sphere(|m| droplets.value(1.0, m));
+            let (whole, mean) = over_sphere(|m| droplets.value(m));
             assert!((mean / whole - g).abs() < 0.03, "d {d}: g {} wanted {g}", mean / whole);
         }
     }

@@ -156,7 +156,7 @@ pub(crate) fn at_nodes(choice: PhaseChoice) -> [Vec<f64>; 3] {
         }
         PhaseChoice::Droplets { diameter_um } => {
             let droplets = Droplets::new(diameter_um);
-            same(&|mu| droplets.value(1.0, mu as f32).into())
+            same(&|mu| droplets.value(mu as f32).into())
         }
         PhaseChoice::Mie { effective_radius_um } => {
             let radius = if effective_radius_um.is_finite() {

@@ -6,8 +6,8 @@
 //! optical depth, and two finer steps with the detail noise while the ray is near and little dimmed), scattered once by the droplets' phase function and further by
 //! octaves (Wrenninge et al. 2013: each with half the extinction, a share of the light, a rounder phase), and the diffuse
 //! light of sky and ground. In place of the stored depth there may be a march from each sample or a map of the sun's rays, in place of the octaves
-//! multiple forward scattering, diffused light or that of fitted slabs: [`crate::view::Lighting`]. Octaves don't keep energy: they give thin cloud light that it does not get (their
-//! weights sum to more than 1) and thick cloud less than it has; the others never give more than comes in (`welkin ladder light` prints both). A ray ends below 1 % transmittance. The air between is put in once, at the mean distance of the light; the clouds' shadows in it
+//! multiple forward scattering, diffused light or that of fitted slabs: [`crate::view::Lighting`]. Octaves are as strong as a level slab
+//! that lets as much diffuse light pass can give back ([`crate::cpu::light::octave_shares`]); none gives more than comes in (`welkin ladder light` prints what leaves slabs). A ray ends below 1 % transmittance. The air between is put in once, at the mean distance of the light; the clouds' shadows in it
 //! are stage `light_shafts`.
 //!
 //! Floor of the cost: a sample gathers 8 words of shape, 4 to 8 of noise, 8 of light, and with two finer steps 24 more: about 45
@@ -27,6 +27,9 @@ use crate::cpu::light::atmosphere::EARTH_RADIUS_M;
 use crate::cpu::light::diffusion::Diffuse;
 use crate::cpu::light::march_phase::MarchPhase;
 use crate::cpu::light::moon::MoonDisc;
+use crate::cpu::light::octave_shares::{
+    LEVEL_DEPTH, LEVEL_FROM, LEVEL_OVER, LEVEL_RESISTANCE, OCTAVE_SHARE_NODES, TURNED_SHARE,
+};
 use crate::cpu::light::phase::henyey_greenstein;
 use crate::cpu::light::sky_light::SkyLight;
 use crate::cpu::light::sky_table::SkyTable;
@@ -85,7 +88,7 @@ crate::constants! {
     const MARCH_THROUGH_END: f32 = 0.01;
     /// Share of light each octave keeps, and of asymmetry.
     pub(crate) const OCTAVE_CONTRIBUTION: f32 = 0.68;
-    pub(crate) const OCTAVE_ECCENTRICITY: f32 = 0.55;
+    pub(crate) const OCTAVE_ECCENTRICITY: f32 = 0.75;
     /// Share of the ground's light that clouds can take by their shadow.
     const COVERED_GROUND: f32 = 0.6;
     /// Width of the sun's edge, pixels.
@@ -626,6 +629,7 @@ fn march<const LIMITED: bool>(
     }
     let slowest = -std::f32::consts::LOG2_E * frame.phase.depth_scale * 0.5f32.powi(frame.octaves as i32);
     let sun = marched_direction(frame.beam_direction);
+    let shares = frame.phase.octave_shares();
     let per_depth = 1.0 / (shape.top_m - shape.bottom_m);
 
     let mut through = one;
@@ -712,6 +716,9 @@ fn march<const LIMITED: bool>(
                     scattered = scattered + phases[octave] * passed;
                     passed = passed * passed;
                 }
+                if frame.octaves > 0 {
+                    scattered = scattered * octave_share(shares, sun[2], depth, sky_seen, ground_seen);
+                }
                 if let Some(diffuse) = frame.diffuse {
                     let onward = (depth * (-std::f32::consts::LOG2_E * diffuse.similarity)).exp2();
                     let (cover, amplitude) = shape.sample(p[0], p[1], p[2]);
@@ -753,6 +760,30 @@ fn march<const LIMITED: bool>(
     met.through = ((through - MARCH_THROUGH_END) / Lanes::splat(1.0 - MARCH_THROUGH_END)).clamp(0.0, 1.0);
     met.distance_m = distance / weights.max(Lanes::splat(1e-6));
     met
+}
+
+/// Factor on the sum of octaves at places `depth` behind the cloud's surface towards the sun, where the shares `sky` and `ground` of diffuse light come from above and from below; see
+/// [`crate::cpu::light::octave_shares`].
+#[inline(always)]
+fn octave_share(shares: &[f32], sun: f32, depth: Lanes, sky: Lanes, ground: Lanes) -> Lanes {
+    let last = (OCTAVE_SHARE_NODES - 1) as f32;
+    let one = Lanes::splat(1.0);
+    let above = (one / sky.max(Lanes::splat(1e-3)) - 1.0) * (1.0 / LEVEL_RESISTANCE);
+    let cosine = ((above + LEVEL_DEPTH * sun) / (depth + LEVEL_DEPTH)).clamp(sun, 1.0);
+    let known = ((Lanes::splat(LEVEL_FROM) - depth) * (TURNED_SHARE / LEVEL_OVER)).clamp(0.0, TURNED_SHARE);
+    let cosine = (cosine - sun) * known + sun;
+    let passage = sky * ground / (sky + ground - sky * ground).max(Lanes::splat(1e-6));
+    let (row, between) = (cosine * last).clamp(0.0, last - 1e-3).split();
+    let (node, rest) = (passage * last).clamp(0.0, last - 1e-3).split();
+    let mut at = node;
+    for l in 0..LANES {
+        at.0[l] += row.0[l] * OCTAVE_SHARE_NODES as u32;
+    }
+    let look = |offset: u32| at.plus(offset).gather_f32(shares);
+    let next = OCTAVE_SHARE_NODES as u32;
+    look(0)
+        .lerp(look(1), rest)
+        .lerp(look(next).lerp(look(next + 1), rest), between)
 }
 
 /// Optical depth from `p` towards the sun by a march of `steps` steps, each longer than the one before by the same length; midpoint rule.

@@ -39,7 +39,7 @@ use crate::cpu::light::transmittance_table::TransmittanceTable;
 pub use crate::view::{
     Detail, Ground, Lighting, MapKind, MoonPlace, Scattering, StarPlaces, SunOcclusion, ViewSampling, ViewSettings,
 };
-use crate::view::{DiffuseKey, LightKey, Look, SkyKey, SunLightKey, SunMapKey, fingerprint};
+use crate::view::{DiffuseKey, LightKey, Look, PhaseKey, SkyKey, SunLightKey, SunMapKey, fingerprint};
 use detail_noise::DetailNoise;
 use haze::Haze;
 use lanes::Lanes;
@@ -55,7 +55,7 @@ use upsample::Samples;
 pub struct Prepared {
     noise: Option<DetailNoise>,
     scatterer: Option<(PhaseChoice, Scatterer)>,
-    phase: Option<((PhaseChoice, Scattering), MarchPhase)>,
+    phase: Option<(PhaseKey, MarchPhase)>,
     air: Option<(Atmosphere, TransmittanceTable, MultipleScatteringTable)>,
     sky: Option<(SkyKey, SkyTable, Option<SkyTable>)>,
     stars: Option<([f32; 2], StarTable)>,
@@ -320,9 +320,9 @@ fn prepare(
         prepared.light = Some((light_key, light));
         after("sky_light");
     }
-    let phase_key = (look.lighting.phase, look.lighting.scattering);
+    let phase_key = look.phase_key();
     if prepared.phase.as_ref().is_none_or(|(k, _)| *k != phase_key) {
-        prepared.phase = Some((phase_key, MarchPhase::new(phase_key.0, phase_key.1)));
+        prepared.phase = Some((phase_key, MarchPhase::new(phase_key.0, phase_key.1, phase_key.2)));
         after("march_phase");
     }
     if let Some(cloud) = cloud {
