@@ -21,10 +21,10 @@ use super::march::{Frame, Met, Out, PACKET_ROWS, Rays, finish_packet, met_by};
 
 crate::constants! {
     /// Samples agree if their light differs by no more than this share of it and of a floor, in exposed light (1 is white).
-    pub const AGREES_LIGHT: f32 = 0.10;
-    const AGREES_FLOOR: f32 = 0.05;
+    pub const AGREES_LIGHT: f32 = 0.20;
+    const AGREES_FLOOR: f32 = 0.08;
     /// And their transmittance by no more than this.
-    const AGREES_THROUGH: f32 = 0.05;
+    const AGREES_THROUGH: f32 = 0.10;
     /// And their distance by no more than this share, times their opacity.
     const AGREES_DISTANCE: f32 = 0.25;
     /// Numbers of a sample: light of three colours, transmittance, distance.
