@@ -112,7 +112,7 @@ pub enum Scattering {
     Octaves,
     /// Light of the forward peak goes on, the rest is scattered once. The effect's octaves are not looked at.
     MultipleForward,
-    /// Light diffuses: the nearest to traced paths in thick cloud; on the CPU alone. The effect's octaves are not looked at.
+    /// Light diffuses: the nearest to traced paths in thick cloud. The effect's octaves are not looked at.
     Diffusion,
     /// Light of orders from 2 on as in a level slab fitted to the cloud around, from tables of photons followed through slabs; on the CPU alone. The effect's octaves are not looked at.
     Slab,
@@ -147,7 +147,7 @@ pub enum SunOcclusion {
         /// Steps, 1 to 512.
         steps: u32,
     },
-    /// A map of where cloud begins; on the CPU alone, as all maps.
+    /// A map of where cloud begins.
     ExponentialShadowMap {
         /// Rays along each side, 16 to 4096.
         side: u32,

@@ -45,6 +45,11 @@ const SCENERY: &[(&str, &[&str])] = &[
             "step_depth",
             "segments",
             "depth_scale",
+            "map_sun",
+            "map_side",
+            "map_numbers",
+            "map_at",
+            "similarity",
         ],
     ),
     ("MarchPhase", &["quads"]),
@@ -127,7 +132,7 @@ fn phase_of(key: PhaseKey) -> Arc<MarchPhase> {
 }
 
 /// What a world tells the kernels that is neither its cloud, nor the camera's, nor the sun's. Errors: `method_needs_cpu` where the scene chose a
-/// method that no kernel has.
+/// method that no kernel of a page's has.
 pub fn scenery(snapshot: &Snapshot) -> Result<Scenery, ApiError> {
     // Any camera does: what depends on it is left out.
     let camera = Camera {
@@ -139,8 +144,8 @@ pub fn scenery(snapshot: &Snapshot) -> Result<Scenery, ApiError> {
     };
     let settings = picture::settings(snapshot, &snapshot.scene, &camera, [1, 1]);
     let look = Look::new(&settings, [0.0; 3]);
-    if look.lighting.needs_cpu() {
-        let message = "the scene lights its clouds by a method that only the server's CPU has; ask for its frames";
+    if look.lighting.needs_server() {
+        let message = "the scene lights its clouds by a method that only the server has; ask for its frames";
         return Err(ApiError::new("method_needs_cpu", message));
     }
     let phase = phase_of(look.phase_key());

@@ -66,7 +66,7 @@ pub enum Scattering {
     Octaves,
     /// Once, after light of the forward peak has gone on (seed 002, seed 004).
     MultipleForward,
-    /// Once, about the sun's way, and diffusely (stage `diffusion`); on the CPU.
+    /// Once, about the sun's way, and diffusely (stage `diffusion`).
     Diffusion,
     /// Once, and further as in a slab fitted to the cloud (stage `slab_fit`); on the CPU.
     Slab,
@@ -105,7 +105,7 @@ pub enum SunOcclusion {
         /// 1 to [`SECONDARY_STEPS_MAX`].
         steps: u32,
     },
-    /// From a map of the sun's rays (stage `sun_map`); on the CPU.
+    /// From a map of the sun's rays (stage `sun_map`).
     ShadowMap {
         /// What it keeps.
         kind: MapKind,
@@ -149,6 +149,10 @@ pub struct Lighting {
 impl Lighting {
     /// Whether no GPU draws it, this program's or a page's.
     pub fn needs_cpu(&self) -> bool {
+        self.scattering == Scattering::Slab
+    }
+    /// Whether the kernels that a page is given don't draw it.
+    pub fn needs_server(&self) -> bool {
         matches!(self.scattering, Scattering::Diffusion | Scattering::Slab)
             || matches!(self.sun_occlusion, SunOcclusion::ShadowMap { .. })
     }

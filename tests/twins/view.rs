@@ -21,7 +21,7 @@ use welkin_server::picture::{self, Renderer};
 use welkin_server::world::World;
 use welkin_shaders::catalogue::{Devices, Rung, VIEW_STAGES, Within};
 use welkin_shaders::cpu::light::Atmosphere;
-use welkin_shaders::cpu::view::{Ground, MoonPlace, Prepared, StarPlaces, render};
+use welkin_shaders::cpu::view::{Ground, MapKind, MoonPlace, Prepared, Scattering, StarPlaces, SunOcclusion, render};
 use welkin_shaders::gpu::view_stages::ViewStages;
 use welkin_shaders::gpu::{Context, GpuError, GpuView};
 use welkin_shaders::{CloudVolume, Grid};
@@ -31,8 +31,8 @@ use pictures::{
     reproject, stars, tone_map, upsample, view_steps,
 };
 use tables::{
-    detail_noise, multiple_scattering_table, occupancy, shape, sky_light, sky_table, sky_visibility_of_both,
-    sun_optical_depth, transmittance_table,
+    detail_noise, diffusion, multiple_scattering_table, occupancy, shape, sky_light, sky_table, sky_visibility_of_both,
+    sun_map, sun_optical_depth, transmittance_table,
 };
 
 /// What two devices made of the same input.
@@ -127,6 +127,8 @@ const CASES: &[Case] = &[
     ("occupancy", occupancy),
     ("sky_visibility", sky_visibility_of_both),
     ("sun_optical_depth", sun_optical_depth),
+    ("sun_map", sun_map),
+    ("diffusion", diffusion),
     ("detail_noise", detail_noise),
     ("march:octaves", octaves),
     ("march", march),
@@ -247,6 +249,18 @@ fn what_a_gpu_view_keeps_changes_no_byte() {
     });
     let mut moonless = moonlit;
     moonless.moon = None;
+    // What lies behind the shadow map: fluence, a map, both, each by itself again.
+    let lit = |scattering, sun_occlusion| {
+        let mut view = small;
+        (view.lighting.scattering, view.lighting.sun_occlusion) = (scattering, sun_occlusion);
+        view
+    };
+    let beer = SunOcclusion::ShadowMap {
+        kind: MapKind::Beer,
+        side: 64,
+    };
+    let diffused = lit(Scattering::Diffusion, SunOcclusion::LightGrid);
+    let mapped = lit(Scattering::Octaves, beer);
     let series = [
         (Some(&thick), small),
         (Some(&field), small),
@@ -256,6 +270,12 @@ fn what_a_gpu_view_keeps_changes_no_byte() {
         (Some(&thick), dusty),
         (Some(&field), moonlit),
         (Some(&field), moonless),
+        (Some(&field), diffused),
+        (Some(&field), mapped),
+        (Some(&field), lit(Scattering::Diffusion, beer)),
+        (Some(&thick), mapped),
+        (Some(&thick), diffused),
+        (Some(&field), diffused),
         (Some(&field), small),
     ];
     let mut kept = GpuView::new(stages.clone()).unwrap();

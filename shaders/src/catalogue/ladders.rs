@@ -124,14 +124,6 @@ macro_rules! rungs {
 const MULTIGRID_DEVICES: Devices = Devices::CpuOnly(
     "on a GPU the direct solver moves 60 bytes a cell in five dispatches and leaves nothing but rounding; a single cycle would move 120 in dozens, most of them too small to fill it",
 );
-/// Where shadow maps are there.
-const MAP_DEVICES: Devices = Devices::CpuOnly(
-    "the march binds all eight storage buffers that WebGPU grants, and the light grid is there anyway for what is seen of sky and ground",
-);
-/// Where diffusion is there.
-const DIFFUSION_DEVICES: Devices = Devices::CpuOnly(
-    "conjugate gradients join sums over the whole grid twice a step, some fifty steps for a sun and a tick: on a GPU each would wait for the one before",
-);
 /// Where reprojection is there.
 const REPROJECT_DEVICES: Devices = Devices::CpuOnly(
     "each viewer's last picture would have to stay in the GPU's memory beside the worlds, 40 bytes a pixel, and there half resolution leaves little to gain: it was not written",
@@ -198,13 +190,13 @@ rungs! {
     LightGrid SunOcclusion "light_grid" Devices::Both, None,
         "optical depths towards the sun at the shape's points, once a tick, and two finer steps"
         keeps "edges as fine as the grid, and detail near the camera";
-    ExponentialShadowMap SunOcclusion "exponential_shadow_map" MAP_DEVICES, None,
+    ExponentialShadowMap SunOcclusion "exponential_shadow_map" Devices::Both, None,
         "where cloud begins on the sun's rays"
         keeps "where cloud begins; one extinction for all";
-    BeerShadowMap SunOcclusion "beer_shadow_map" MAP_DEVICES, None,
+    BeerShadowMap SunOcclusion "beer_shadow_map" Devices::Both, None,
         "where cloud begins on the sun's rays, its mean extinction, its optical depth"
         keeps "each ray's whole optical depth; not gaps between clouds";
-    FourierOpacityMap SunOcclusion "fourier_opacity_map" MAP_DEVICES, None,
+    FourierOpacityMap SunOcclusion "fourier_opacity_map" Devices::Both, None,
         "seven Fourier coefficients of the extinction along the sun's rays"
         keeps "each ray's whole optical depth; edges swing";
     SecondaryMarch SunOcclusion "secondary_march" Devices::Both, None,
@@ -219,9 +211,9 @@ rungs! {
     Octaves Scattering "octaves" Devices::Both, None,
         "octaves of thinner cloud and rounder phase functions, as strong as a level slab gives back"
         keeps "energy in level slabs, to some parts in a hundred; too bright just inside clouds that end sideways, too dim on their sides by a low sun";
-    Diffusion Scattering "diffusion" DIFFUSION_DEVICES, None,
+    Diffusion Scattering "diffusion" Devices::Both, None,
         "the beam, what goes about its way, and what diffuses"
-        keeps "energy, to the solver's bound";
+        keeps "energy, less a hundredth or two that the solver leaves over";
     Slab Scattering "slab" SLAB_DEVICES, None,
         "orders from 2 on as in a level slab fitted to the cloud by one step, from tables of photons followed through slabs"
         keeps "energy in slabs, to the tables' steps; not in clouds that end sideways";

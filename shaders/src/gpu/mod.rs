@@ -13,9 +13,11 @@ pub mod pressure;
 pub mod profiles;
 pub mod readback;
 pub mod view;
+pub mod view_diffusion;
 pub mod view_kernels;
 pub mod view_layers;
 pub mod view_stages;
+pub mod view_sun_map;
 pub mod view_upsample;
 
 pub use context::{AdapterChoice, AdapterReport, Context};
@@ -28,10 +30,12 @@ pub use view_stages::ViewStages;
 use crate::cpu::sim::{advect, cloud_extinction, reduce_cloud, saturation_adjustment, surface_flux};
 use crate::cpu::{light, view as view_twins};
 use crate::wgsl::Module;
+use view_diffusion::DiffusionGrid;
 use view_layers::Layering;
 use view_stages::{
     Air, MARCH_PHASE, ShapeGrid, SkyLightAsk, SkyLightValues, SkyView, SunMarch, ViewFrame, VisibilitySweep,
 };
+use view_sun_map::SunMapping;
 use view_upsample::Sampling;
 
 macro_rules! modules {
@@ -93,6 +97,9 @@ modules! {
     "shared/shape" constants [view_twins::occupancy::WGSL, view_twins::shape::WGSL] structs [ShapeGrid::LAYOUT];
     "shared/spline" constants [] structs [];
     "shared/detail" constants [view_twins::detail_noise::WGSL] structs [];
+    "shared/extinction" constants [view_twins::march::WGSL] structs [];
+    "shared/diffuse_light" constants [light::diffusion::WGSL] structs [ViewFrame::LAYOUT];
+    "shared/sun_map" constants [] structs [ViewFrame::LAYOUT];
     "shared/sky_look" constants [light::sky_table::WGSL] structs [ViewFrame::LAYOUT];
     "shared/stars" constants [light::stars::WGSL] structs [];
     "shared/moon" constants [light::moon::WGSL] structs [];
@@ -102,6 +109,8 @@ modules! {
     "light/sky_light" constants [light::sky_light::WGSL] structs [SkyLightAsk::LAYOUT, SkyLightValues::LAYOUT];
     "light/sky_visibility" constants [light::sky_visibility::WGSL, view_stages::WGSL] structs [VisibilitySweep::LAYOUT];
     "light/sun_optical_depth" constants [light::sun_optical_depth::WGSL] structs [SunMarch::LAYOUT];
+    "light/diffusion" constants [light::diffusion::WGSL, light::sun_optical_depth::WGSL] structs [DiffusionGrid::LAYOUT];
+    "light/sun_map" constants [light::sun_map::WGSL] structs [SunMapping::LAYOUT];
     "view/shape" constants [] structs [ShapeGrid::LAYOUT];
     "view/occupancy" constants [view_twins::occupancy::WGSL] structs [ShapeGrid::LAYOUT];
     "view/detail_noise" constants [view_twins::detail_noise::WGSL] structs [];

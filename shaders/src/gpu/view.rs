@@ -6,9 +6,11 @@
 use std::sync::Arc;
 
 use super::view_stages::{Air, ShapeGrid, SkyLightAsk, SkyLightValues, SkyView, SunMarch, ViewFrame, ViewStages};
+use super::view_sun_map::SunMapping;
 use super::view_upsample::Sampling;
 use super::{Context, GpuError, Kernel};
 use crate::CloudVolume;
+use crate::cpu::light::diffusion::similarity;
 use crate::cpu::light::march_phase::MarchPhase;
 use crate::cpu::light::multiple_scattering_table::MultipleScatteringTable;
 use crate::cpu::light::sky_light::SkyLight;
@@ -18,7 +20,8 @@ use crate::cpu::light::sun_optical_depth::marched_direction;
 use crate::cpu::light::transmittance_table::TransmittanceTable;
 use crate::cpu::view::haze::Haze;
 use crate::view::{
-    Ground, LightKey, Look, PhaseKey, SkyKey, Slab, SunLightKey, ViewSampling, ViewSettings, fingerprint,
+    DiffuseKey, Ground, LightKey, Look, PhaseKey, Scattering, SkyKey, Slab, SunLightKey, SunMapKey, ViewSampling,
+    ViewSettings, fingerprint,
 };
 
 /// Pixels that one submission draws at most: a slow GPU's watchdog ends what runs for seconds.
@@ -37,6 +40,8 @@ struct CloudBuffers {
     below: Option<wgpu::Buffer>,
     light_words: Option<wgpu::Buffer>,
     shadow: Option<wgpu::Buffer>,
+    conductance: Option<wgpu::Buffer>,
+    numbers: Option<wgpu::Buffer>,
 }
 
 /// A cloud's shape on the GPU.
@@ -49,11 +54,19 @@ struct Cloud {
     below: wgpu::Buffer,
 }
 
-/// Optical depths on the GPU.
+/// Optical depths on the GPU. Behind the shadow map and its share lies what else the march looks up of light, for it binds all eight storage buffers that WebGPU grants: the
+/// diffuse light's fluence, then a map of the sun's rays, where the scene wants them.
 struct CloudLight {
     words: wgpu::Buffer,
     shadow: wgpu::Buffer,
+    /// What the fluence was made for.
+    diffuse: Option<DiffuseKey>,
+    /// What the map was made for.
+    map: Option<SunMapKey>,
 }
+
+/// What optical depths depend on, and the bytes of the fluence and of the map behind them.
+type CloudLightKey = (SunLightKey, [u64; 2]);
 
 /// Tables of the clear air on the GPU.
 struct AirTables {
@@ -79,8 +92,10 @@ pub struct GpuView {
     stars: Option<([f32; 2], wgpu::Buffer)>,
     buffers: CloudBuffers,
     shape: Option<(u64, Option<Cloud>)>,
-    sun_light: Option<(SunLightKey, CloudLight)>,
+    sun_light: Option<(CloudLightKey, CloudLight)>,
     phase: Option<(PhaseKey, f32, wgpu::Buffer)>,
+    /// The phase function's.
+    asymmetry: f32,
     frame: wgpu::Buffer,
     picture: Option<wgpu::Buffer>,
 }
@@ -115,6 +130,7 @@ impl GpuView {
             shape: None,
             sun_light: None,
             phase: None,
+            asymmetry: 0.0,
             frame,
             picture: None,
         })
@@ -176,6 +192,8 @@ impl GpuView {
         self.prepare_stars(&look, after)?;
         self.prepare_light(&look, after)?;
         self.prepare_sun_light(&look, key, after)?;
+        self.prepare_diffusion(&look, key, after)?;
+        self.prepare_sun_map(&look, key, after)?;
         Ok(look)
     }
 
@@ -184,6 +202,7 @@ impl GpuView {
         if self.phase.as_ref().is_none_or(|(k, ..)| *k != key) {
             let phase = MarchPhase::new(key.0, key.1, key.2);
             let buffer = self.context.uniform("the phase function", phase.bytes())?;
+            self.asymmetry = phase.asymmetry;
             self.phase = Some((key, phase.depth_scale, buffer));
             after("march_phase");
         }
@@ -378,10 +397,14 @@ impl GpuView {
         volume: u64,
         after: &mut dyn FnMut(&'static str),
     ) -> Result<(), GpuError> {
-        let key = look.sun_light_key(volume);
         let Some((_, Some(cloud))) = &self.shape else {
             return Ok(());
         };
+        let behind = [
+            look.diffuse_key(volume).map_or(0, |_| cloud.grid.fluence_bytes()),
+            mapping(look, &cloud.grid).map_or(0, |map| map.map_bytes()),
+        ];
+        let key = (look.sun_light_key(volume), behind);
         if self.sun_light.as_ref().is_some_and(|(k, _)| *k == key) {
             return Ok(());
         }
@@ -395,7 +418,14 @@ impl GpuView {
                 "the cloud's light",
                 grid.word_bytes(),
             )?,
-            shadow: fit(context, &mut buffers.shadow, "the shadow map", grid.shadow_bytes())?,
+            shadow: fit(
+                context,
+                &mut buffers.shadow,
+                "the shadow map and what lies behind it",
+                grid.shadow_bytes() + behind[0] + behind[1],
+            )?,
+            diffuse: None,
+            map: None,
         };
         let march = SunMarch::new(look);
         self.stages.sun_optical_depth(
@@ -409,6 +439,62 @@ impl GpuView {
         context.wait()?;
         self.sun_light = Some((key, light));
         after("sun_optical_depth");
+        Ok(())
+    }
+
+    fn prepare_diffusion(
+        &mut self,
+        look: &Look,
+        volume: u64,
+        after: &mut dyn FnMut(&'static str),
+    ) -> Result<(), GpuError> {
+        let (Some(key), Some((_, Some(cloud))), Some((_, light))) =
+            (look.diffuse_key(volume), &self.shape, &mut self.sun_light)
+        else {
+            return Ok(());
+        };
+        if light.diffuse == Some(key) {
+            return Ok(());
+        }
+        light.diffuse = None;
+        let (context, buffers) = (&self.context, &mut self.buffers);
+        let bytes = ViewStages::diffusion_bytes(&cloud.grid);
+        let conductance = fit(context, &mut buffers.conductance, "what diffuse light passes", bytes)?;
+        let numbers = fit(context, &mut buffers.numbers, "the diffuse light's grids", bytes)?;
+        self.stages.diffusion(
+            &cloud.grid,
+            &cloud.uniform,
+            (look.detail.is_some(), self.asymmetry),
+            [&cloud.words, &cloud.occupancy, &light.words],
+            [&conductance, &numbers],
+            &light.shadow,
+        )?;
+        context.wait()?;
+        light.diffuse = Some(key);
+        after("diffusion");
+        Ok(())
+    }
+
+    fn prepare_sun_map(
+        &mut self,
+        look: &Look,
+        volume: u64,
+        after: &mut dyn FnMut(&'static str),
+    ) -> Result<(), GpuError> {
+        let (Some(key), Some(noise), Some((_, Some(cloud))), Some((_, light))) =
+            (look.sun_map_key(volume), &self.noise, &self.shape, &mut self.sun_light)
+        else {
+            return Ok(());
+        };
+        let Some(map) = mapping(look, &cloud.grid).filter(|_| light.map != Some(key)) else {
+            return Ok(());
+        };
+        light.map = None;
+        let buffers = [&cloud.words, &cloud.occupancy, noise];
+        self.stages.sun_map(&cloud.uniform, &map, buffers, &light.shadow)?;
+        self.context.wait()?;
+        light.map = Some(key);
+        after("sun_map");
         Ok(())
     }
 
@@ -479,6 +565,15 @@ impl GpuView {
         let cloud = shape.zip(self.sun_light.as_ref().map(|(_, light)| light));
         let row_words = settings.width.div_ceil(4) * 3;
         let mut frame = ViewFrame::new(look, settings, cloud.is_some(), row_words, *depth_scale);
+        if let Some((cloud, _)) = &cloud {
+            if look.lighting.scattering == Scattering::Diffusion {
+                frame.similarity = similarity(self.asymmetry);
+            }
+            if let Some(map) = mapping(look, &cloud.grid) {
+                frame.map_sun = map.map_sun;
+                (frame.map_side, frame.map_numbers, frame.map_at) = (map.map_side, map.map_numbers, map.map_at);
+            }
+        }
         let blank = &self.blank;
         let (grid, words, occupancy, light_words, shadow) = match &cloud {
             Some((c, l)) => (&c.uniform, &c.words, &c.occupancy, &l.words, &l.shadow),
@@ -518,6 +613,14 @@ impl GpuView {
     pub(super) fn picture_buffer(&mut self, bytes: u64) -> Result<wgpu::Buffer, GpuError> {
         fit(&self.context, &mut self.picture, "the picture", bytes)
     }
+}
+
+/// The map of the sun's rays that a picture wants, if any: behind the shadow map, its share and the fluence.
+fn mapping(look: &Look, grid: &ShapeGrid) -> Option<SunMapping> {
+    let (_, detail, kind, side, sun) = look.sun_map_key(0)?;
+    let fluence = look.diffuse_key(0).map_or(0, |_| grid.fluence_bytes());
+    let map_at = (grid.shadow_bytes() + fluence) / 4;
+    Some(SunMapping::new(grid, sun, detail, kind, side, map_at))
 }
 
 /// The buffer kept in `slot`, made anew if it is smaller than `bytes`.

@@ -2,10 +2,12 @@
 
 use std::sync::OnceLock;
 
+use super::view_diffusion::DiffusionGrid;
 use super::view_layers::Layering;
 use super::view_stages::{
     Air, MARCH_PHASE, ShapeGrid, SkyLightAsk, SkyLightValues, SkyView, SunMarch, ViewFrame, VisibilitySweep,
 };
+use super::view_sun_map::SunMapping;
 use super::view_upsample::Sampling;
 use super::{Bind, Context, GpuError, Kernel};
 use crate::wgsl::{self, Constant, Layout};
@@ -29,6 +31,8 @@ const VISIBILITY: &[Bind] = &[Uniform, Read, Write, Write];
 const SHAPE: &[Bind] = &[Uniform, Read, Write, Write];
 const OCCUPANCY: &[Bind] = &[Uniform, Read, Write, Write, Write];
 const SUN: &[Bind] = &[Uniform, Uniform, Read, Read, Read, Read, Write, Write];
+const DIFFUSION: &[Bind] = &[Uniform, Uniform, Read, Read, Read, Write, Write, Write];
+const MAP: &[Bind] = &[Uniform, Uniform, Read, Read, Read, Write];
 const NOISE: &[Bind] = &[Write, Write, Write];
 const MARCH: &[Bind] = &[
     Uniform, Uniform, Uniform, Read, Read, Read, Read, Read, Read, Read, Write, Uniform, Uniform,
@@ -73,6 +77,17 @@ kernels! {
     "samples" "view/upsample" "samples" SAMPLED;
     "upsampled" "view/upsample" "upsampled" SAMPLED;
     "layers" "view/layers" "layers" SAMPLED;
+    "sun_map_rays" "light/sun_map" "rays" MAP;
+    "sun_map_mean" "light/sun_map" "mean_extinction" MAP;
+    "diffusion_sources" "light/diffusion" "sources" DIFFUSION;
+    "diffusion_conduct" "light/diffusion" "conduct" DIFFUSION;
+    "diffusion_join" "light/diffusion" "join" DIFFUSION;
+    "diffusion_sweep" "light/diffusion" "sweep" DIFFUSION;
+    "diffusion_leave_over" "light/diffusion" "leave_over" DIFFUSION;
+    "diffusion_take_up" "light/diffusion" "take_up" DIFFUSION;
+    "diffusion_bottom" "light/diffusion" "bottom" DIFFUSION;
+    "diffusion_add" "light/diffusion" "add" DIFFUSION;
+    "diffusion_surface" "light/diffusion" "surface" DIFFUSION;
 }
 
 /// A kernel of [`SERVER_KERNELS`], compiled when it is first asked for.
@@ -121,6 +136,8 @@ pub const VIEW_STRUCTS: &[Layout] = &[
     MARCH_PHASE,
     Sampling::LAYOUT,
     Layering::LAYOUT,
+    DiffusionGrid::LAYOUT,
+    SunMapping::LAYOUT,
 ];
 
 /// The kernel of that name.

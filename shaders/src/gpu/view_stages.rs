@@ -4,6 +4,7 @@
 
 use std::sync::Arc;
 
+use super::view_diffusion::DiffusionKernels;
 use super::view_kernels::{LateKernel, compiled};
 use super::{Context, GpuError, Kernel};
 use crate::cpu::light::Atmosphere;
@@ -243,6 +244,8 @@ crate::gpu_struct! {
         pub ground_tint: [f32; 4],
         /// Added to positions for the detail, m.
         pub detail_offset_m: [f32; 4],
+        /// The sun that a map of its rays is made for, and their length, m.
+        pub map_sun: [f32; 4],
         /// Pixels.
         pub width: u32,
         /// Pixels.
@@ -289,6 +292,14 @@ crate::gpu_struct! {
         pub step_depth: f32,
         /// Logarithmic segments; 0 where it does not go by them.
         pub segments: u32,
+        /// Rays along the side of a map of the sun's rays; 0 where there is none.
+        pub map_side: u32,
+        /// Numbers that it keeps of a ray.
+        pub map_numbers: u32,
+        /// 1 less the phase function's asymmetry, where light diffuses; else 0.
+        pub similarity: f32,
+        /// Where it lies behind the shadow map.
+        pub map_at: u32,
         /// Fills 16 bytes.
         pub unused_0: u32,
     }
@@ -419,6 +430,10 @@ impl ShapeGrid {
     pub fn word_bytes(&self) -> u64 {
         self.stride_x as u64 * self.stride_y as u64 * self.points_z as u64 * 4
     }
+    /// Bytes of the diffuse light: a number a cell, with one more on each side in x and y.
+    pub fn fluence_bytes(&self) -> u64 {
+        (self.cells_x as u64 + 2) * (self.cells_y as u64 + 2) * self.levels as u64 * 4
+    }
     /// Bytes of the occupancy.
     pub fn occupancy_bytes(&self) -> u64 {
         self.cells().div_ceil(4) * 4
@@ -450,6 +465,8 @@ pub struct ViewStages {
     pub(super) samples: LateKernel,
     pub(super) upsampled: LateKernel,
     pub(super) layers: LateKernel,
+    pub(super) diffusion: DiffusionKernels,
+    pub(super) sun_map: [LateKernel; 2],
     /// The grid of no cloud.
     pub no_cloud: wgpu::Buffer,
     /// A table of no stars.
@@ -490,6 +507,8 @@ impl ViewStages {
             samples: LateKernel::new("samples"),
             upsampled: LateKernel::new("upsampled"),
             layers: LateKernel::new("layers"),
+            diffusion: DiffusionKernels::new(),
+            sun_map: [LateKernel::new("sun_map_rays"), LateKernel::new("sun_map_mean")],
             no_cloud: c.uniform("no cloud", bytemuck::bytes_of(&ShapeGrid::default()))?,
             no_stars: c.uniform("no stars", &[0; 4 * STAR_WORDS])?,
             context,

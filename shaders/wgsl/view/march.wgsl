@@ -3,6 +3,9 @@
 //! use shared/air_transmittance
 //! use shared/shape
 //! use shared/detail
+//! use shared/extinction
+//! use shared/diffuse_light
+//! use shared/sun_map
 //! use shared/sky_look
 //! use shared/stars
 //! use shared/moon
@@ -65,26 +68,6 @@ fn slab(from_m: f32, rise: f32, curve: f32, bottom_m: f32) -> vec2<f32> {
         return vec2<f32>(select(0.0, max(bottom.z, 0.0), bottom.x > 0.0), top.z);
     }
     return vec2<f32>(0.0, top.z);
-}
-
-/// Extinction with detail, 1/m, `t` from the camera; `near` looks the small billows up a second time.
-fn extinction(p: vec3<f32>, t: f32, near: bool) -> f32 {
-    let s = shape_sample(p);
-    let plain = s.y * s.x;
-    if (frame.detail_blend == 0.0) {
-        return plain;
-    }
-    let q = (p + frame.detail_offset_m.xyz) * frame.detail_tiles_per_m;
-    let noise = detail_look(q) - 0.5;
-    let far = clamp(t / DETAIL_SMALL_REACH_M, 0.0, 1.0);
-    var push = noise.x + noise.y * DETAIL_SMALL * (1.0 - far);
-    if (near) {
-        let finer = detail_look(q.yzx * DETAIL_FINER) - 0.5;
-        push += (finer.x * DETAIL_FINE + finer.y * DETAIL_FINEST) * clamp(1.0 - t / NEAR_DETAIL_M, 0.0, 1.0);
-    }
-    let held = clamp(s.x * DETAIL_HELD, 0.0, 1.0);
-    let level = s.x + push * frame.detail_push * held - CARVE_EDGE;
-    return mix(plain, s.y * smooth_ramp(level / CARVE_RAMP), frame.detail_blend);
 }
 
 /// Light scattered once at the angle whose cosine is `mu`, three colours, 1/sr.
@@ -203,7 +186,7 @@ fn march_before(ray: Ray, limit_m: f32) -> Met {
             // Finer steps matter while the ray is near and not yet dimmed; both fade.
             let fade = clamp((FINE_REACH_M - t) / FINE_FADE_M, 0.0, 1.0)
                 * clamp((through - FINE_DIMMED) / FINE_DIMMED, 0.0, 1.0)
-                * select(0.0, 1.0, frame.secondary_steps == 0u);
+                * select(0.0, 1.0, frame.secondary_steps == 0u && frame.map_side == 0u);
             if (fade > 0.0) {
                 depth = fade * (extinction(p + sun * FINE_FIRST_M, t, false) * FINE_FIRST_LENGTH_M
                     + extinction(p + sun * FINE_SECOND_M, t, false) * FINE_SECOND_LENGTH_M);
@@ -216,7 +199,9 @@ fn march_before(ray: Ray, limit_m: f32) -> Met {
             let high = vec4<u32>(light_words[j], light_words[j + 1u], light_words[j + row], light_words[j + row + 1u]);
             let deep = vec4<u32>(0xffffu);
             let byte = vec4<u32>(0xffu);
-            if (frame.secondary_steps == 0u) {
+            if (frame.map_side != 0u) {
+                depth = map_depth(p);
+            } else if (frame.secondary_steps == 0u) {
                 depth += DEPTH_UNIT * trilinear(vec4<f32>(low & deep), vec4<f32>(high & deep), place.fraction);
             } else {
                 depth = secondary_march(p, t);
@@ -232,6 +217,11 @@ fn march_before(ray: Ray, limit_m: f32) -> Met {
             }
             if (frame.octaves > 0u) {
                 scattered *= octave_share(depth, sky_seen / 255.0, ground_seen / 255.0);
+            }
+            if (frame.similarity > 0.0) {
+                let onward = exp2(depth * (-LOG2_E * frame.similarity));
+                let turned = henyey_greenstein(1.0 - frame.similarity, ray.turn);
+                scattered = turned * (onward - passed) + diffuse_towards(p, d) * (0.25 / PI);
             }
             let kept = exp2(thick * min(step, limit_m - begun) * -LOG2_E);
             let share = through * (1.0 - kept);

@@ -7,8 +7,8 @@ use welkin_shaders::cpu::light::analytic_sky::SkyMethod;
 use welkin_shaders::cpu::light::phase_table::PhaseChoice;
 use welkin_shaders::cpu::view::layers::Layer;
 use welkin_shaders::cpu::view::{
-    Detail, Ground, MoonPlace, Prepared, Scattering, StarPlaces, SunOcclusion, ViewSampling, ViewSettings, layers,
-    render,
+    Detail, Ground, MapKind, MoonPlace, Prepared, Scattering, StarPlaces, SunOcclusion, ViewSampling, ViewSettings,
+    layers, render,
 };
 use welkin_shaders::gpu::GpuView;
 use welkin_shaders::view::ViewSteps;
@@ -56,6 +56,10 @@ pub(super) fn changed(change: impl FnOnce(&mut ViewSettings)) -> ViewSettings {
     let mut view = settings(WIDTH, HEIGHT);
     change(&mut view);
     view
+}
+
+const fn mapped(kind: MapKind, side: u32) -> SunOcclusion {
+    SunOcclusion::ShadowMap { kind, side }
 }
 
 pub(super) fn march(bench: &mut Bench) -> Vec<Pair> {
@@ -109,6 +113,31 @@ pub(super) fn march(bench: &mut Bench) -> Vec<Pair> {
                 changed(|v| v.lighting.sun_occlusion = SunOcclusion::SecondaryMarch { steps: 5 }),
             ),
             (
+                "diffused light",
+                changed(|v| v.lighting.scattering = Scattering::Diffusion),
+            ),
+            (
+                "diffused light and an exponential map of a low sun, no detail",
+                changed(|v| {
+                    v.detail = None;
+                    v.lighting.scattering = Scattering::Diffusion;
+                    v.lighting.sun_occlusion = mapped(MapKind::Exponential, 40);
+                    v.sun_direction = sun(6.0, 70.0);
+                }),
+            ),
+            (
+                "a Beer map",
+                changed(|v| v.lighting.sun_occlusion = mapped(MapKind::Beer, 200)),
+            ),
+            (
+                "a Fourier map from above",
+                changed(|v| {
+                    v.lighting.sun_occlusion = mapped(MapKind::Fourier, 128);
+                    v.camera_position_m = [3200.0, -2000.0, 4000.0];
+                    v.elevation_deg = -25.0;
+                }),
+            ),
+            (
                 "dusk",
                 changed(|v| {
                     v.azimuth_deg = 250.0;
@@ -129,10 +158,19 @@ pub(super) fn march(bench: &mut Bench) -> Vec<Pair> {
     all.extend(pictures(
         bench,
         Some(&thick),
-        &[(
-            "inside a cloud",
-            changed(|v| v.camera_position_m = [3200.0, 3200.0, 1500.0]),
-        )],
+        &[
+            (
+                "inside a cloud",
+                changed(|v| v.camera_position_m = [3200.0, 3200.0, 1500.0]),
+            ),
+            (
+                "diffused light in a ball",
+                changed(|v| {
+                    v.camera_position_m = [3200.0, -200.0, 300.0];
+                    v.lighting.scattering = Scattering::Diffusion;
+                }),
+            ),
+        ],
     ));
     let mut empty = thick;
     empty.extinction_per_m.fill(0.0);

@@ -2,10 +2,12 @@
 
 use welkin_server::clouds::{cumulus_field, sun};
 use welkin_shaders::cpu::light::Atmosphere;
+use welkin_shaders::cpu::light::diffusion::Diffuse;
 use welkin_shaders::cpu::light::multiple_scattering_table::MultipleScatteringTable;
 use welkin_shaders::cpu::light::sky_light::SkyLight;
 use welkin_shaders::cpu::light::sky_table::{SkySource, SkyTable};
 use welkin_shaders::cpu::light::sky_visibility::sky_visibility;
+use welkin_shaders::cpu::light::sun_map::SunMap;
 use welkin_shaders::cpu::light::sun_optical_depth::SunLight;
 use welkin_shaders::cpu::light::transmittance_table::TransmittanceTable;
 use welkin_shaders::cpu::view::Ground;
@@ -13,7 +15,8 @@ use welkin_shaders::cpu::view::detail_noise::DetailNoise;
 use welkin_shaders::cpu::view::occupancy::Occupancy;
 use welkin_shaders::cpu::view::shape::Shape;
 use welkin_shaders::gpu::view_stages::{Air, ShapeGrid, SkyLightAsk, SkyView, SunMarch, ViewStages};
-use welkin_shaders::view::Slab;
+use welkin_shaders::gpu::view_sun_map::SunMapping;
+use welkin_shaders::view::{FrameDetail, MapKind, Slab};
 
 use super::{Bench, Pair};
 
@@ -278,6 +281,122 @@ pub(super) fn sun_optical_depth(bench: &mut Bench) -> Vec<Pair> {
             ]
         })
         .collect()
+}
+
+/// Odd grids, flat ones and single cells too: what joins two cells must do with one.
+pub(super) fn diffusion(bench: &mut Bench) -> Vec<Pair> {
+    let cases = [
+        (cumulus_field(31, 9), true, 35.0, 0.85),
+        (bench.volume([33, 21, 13], 0.5), false, 60.0, 0.3),
+        (bench.volume([24, 31, 14], 0.05), true, 8.0, 0.995),
+        (bench.volume([1, 7, 9], 0.7), false, 90.0, 0.0),
+        (bench.volume([2, 1, 3], 1.0), false, 30.0, 0.8),
+        (bench.volume([1, 1, 1], 1.0), false, 45.0, 0.85),
+    ];
+    cases
+        .into_iter()
+        .map(|(volume, carved, elevation, asymmetry)| {
+            let sun = sun(elevation, bench.between(0.0, 360.0));
+            let shape = Shape::new(&volume).unwrap();
+            let slab = Slab::new(&volume).unwrap();
+            let grid = ShapeGrid::new(&slab);
+            let seen = [0, 1].map(|_| vec![0.5; slab.extinction_per_m.len()]);
+            let light = SunLight::new(&shape, &seen, carved, false, sun);
+            let cpu = Diffuse::new(&shape, &light, carved, asymmetry);
+            let inputs = [
+                bench.input(&shape.words),
+                bench.input(&shape.occupancy().distances()[..]),
+                bench.input(&light.words),
+            ];
+            let scratch = [0, 1].map(|_| bench.poisoned(ViewStages::diffusion_bytes(&grid)));
+            let shadow = bench.poisoned(grid.shadow_bytes() + grid.fluence_bytes());
+            bench
+                .stages
+                .diffusion(
+                    &grid,
+                    &bench.uniform(&grid),
+                    (carved, asymmetry),
+                    [&inputs[0], &inputs[1], &inputs[2]],
+                    [&scratch[0], &scratch[1]],
+                    &shadow,
+                )
+                .unwrap();
+            let before = grid.shadow_bytes() as usize / 4;
+            let all = bench.floats(&shadow, before + cpu.fluence.len());
+            assert!(
+                all[..before].iter().all(|v| v.is_nan()),
+                "the shadow map is another stage's"
+            );
+            Pair {
+                what: format!("cells {:?}, carved {carved}, asymmetry {asymmetry}", slab.cells),
+                gpu: all[before..].to_vec(),
+                cpu: cpu.fluence,
+            }
+        })
+        .collect()
+}
+
+pub(super) fn sun_map(bench: &mut Bench) -> Vec<Pair> {
+    let noise = DetailNoise::new();
+    let tile = bench.input(noise.words());
+    let detail = FrameDetail {
+        push: 1.0,
+        blend: 1.0,
+        tiles_per_m: 1.0 / 800.0,
+        offset_m: [30.0, 400.0, 7.0],
+    };
+    let field = cumulus_field(31, 9);
+    // A flat world with cloud in one place.
+    let mut flat = bench.volume([9, 1, 6], 1.0);
+    for (n, v) in flat.extinction_per_m.iter_mut().enumerate() {
+        *v = if n == 9 * 2 + 3 { 0.05 } else { 0.0 };
+    }
+    let mut all = Vec::new();
+    for kind in [MapKind::Exponential, MapKind::Beer, MapKind::Fourier] {
+        for (volume, detail, elevation, side) in [
+            (&field, Some(detail), 40.0, 50),
+            (&field, None, 1.0, 16),
+            (&flat, None, 80.0, 33),
+        ] {
+            let sun = sun(elevation, bench.between(0.0, 360.0));
+            let shape = Shape::new(volume).unwrap();
+            let grid = ShapeGrid::new(&Slab::new(volume).unwrap());
+            let cpu = SunMap::new(&shape, &noise, detail, kind, side, sun);
+            let map = SunMapping::new(&grid, sun, detail, kind, side, 3);
+            let buffer = bench.poisoned(12 + map.map_bytes());
+            let inputs = [
+                bench.input(&shape.words),
+                bench.input(&shape.occupancy().distances()[..]),
+            ];
+            bench
+                .stages
+                .sun_map(&bench.uniform(&grid), &map, [&inputs[0], &inputs[1], &tile], &buffer)
+                .unwrap();
+            let gpu = bench.floats(&buffer, 4 + cpu.planes.len());
+            assert!(
+                gpu[..3].iter().all(|v| v.is_nan()),
+                "what lies before is another stage's"
+            );
+            let what = format!("{kind:?}, sun at {elevation}, side {side}");
+            let plane = cpu.planes.len() / kind.numbers();
+            if kind == MapKind::Exponential {
+                all.push(Pair {
+                    what: format!("{what}: mean extinction"),
+                    gpu: vec![gpu[3], 0.0],
+                    cpu: vec![cpu.mean_per_m, 0.0],
+                });
+            }
+            // Lengths, extinctions and depths apart, for each is judged by its largest.
+            for (k, cpu) in cpu.planes.chunks(plane).enumerate() {
+                all.push(Pair {
+                    what: format!("{what}: number {k}"),
+                    gpu: gpu[4 + k * plane..][..plane].to_vec(),
+                    cpu: cpu.to_vec(),
+                });
+            }
+        }
+    }
+    all
 }
 
 pub(super) fn detail_noise(bench: &mut Bench) -> Vec<Pair> {

@@ -172,7 +172,7 @@ pub(in crate::ladder) fn occluded(base: &ViewSettings, sun_occlusion: SunOcclusi
 /// Bytes that a way to light a cloud keeps: the grid's depths and the ground's shadow, a map, or the diffuse light.
 pub(super) fn bytes_of(ladder: &str, lighting: &Lighting, grid: &ShapeGrid) -> u64 {
     match (ladder, lighting.scattering, lighting.sun_occlusion) {
-        ("scattering", Scattering::Diffusion, _) => grid.word_bytes(),
+        ("scattering", Scattering::Diffusion, _) => grid.fluence_bytes(),
         ("scattering", Scattering::Slab, _) => 2 * grid.word_bytes(),
         ("sun_occlusion", _, SunOcclusion::LightGrid) => grid.word_bytes() + grid.shadow_bytes(),
         ("sun_occlusion", _, SunOcclusion::ShadowMap { kind, side }) => {

@@ -27,13 +27,20 @@ use crate::cpu::view::march::detailed_extinction;
 use crate::cpu::view::shape::Shape;
 use crate::view::{FrameDetail, MapKind};
 
-/// Length of a step, m, and the most steps of a ray.
-const STEP_M: f32 = 30.0;
-const STEPS_MAX: usize = 256;
-/// Distance for the detail's fading, m: beyond the closest look, as for a camera some kilometres away.
-const DETAIL_DISTANCE_M: f32 = 4_000.0;
-/// No ray's optical depth is kept above this.
-const DEPTH_MAX: f32 = 1e6;
+crate::constants! {
+    /// Length of a step, m, and the most steps of a ray.
+    const MAP_STEP_M: f32 = 30.0;
+    const MAP_STEPS_MAX: usize = 256;
+    /// Distance for the detail's fading, m: beyond the closest look, as for a camera some kilometres away.
+    const MAP_DETAIL_DISTANCE_M: f32 = 4_000.0;
+    /// No number of a ray is kept above this.
+    const MAP_DEPTH_MAX: f32 = 1e6;
+}
+
+/// Rays along a map's side for what a scene asks for: 16 to 4096, whole packets.
+pub(crate) fn map_side(side: u32) -> usize {
+    (side as usize).clamp(16, 4096).next_multiple_of(LANES)
+}
 
 /// See the module.
 #[derive(Clone, Debug)]
@@ -41,7 +48,7 @@ pub struct SunMap {
     kind: MapKind,
     side: usize,
     /// `side * side` numbers of each kind after the other.
-    planes: Vec<f32>,
+    pub planes: Vec<f32>,
     per_period: [f32; 2],
     bottom_m: f32,
     top_m: f32,
@@ -49,7 +56,7 @@ pub struct SunMap {
     /// Length of a ray from top to bottom, m.
     length_m: f32,
     /// Mean extinction of all cloud that the rays met, 1/m.
-    mean_per_m: f32,
+    pub mean_per_m: f32,
 }
 
 impl SunMap {
@@ -63,7 +70,7 @@ impl SunMap {
         sun_direction: [f32; 3],
     ) -> SunMap {
         let sun = marched_direction(sun_direction);
-        let side = (side as usize).clamp(16, 4096).next_multiple_of(LANES);
+        let side = map_side(side);
         let length_m = (shape.top_m - shape.bottom_m) / sun[2];
         let mut map = SunMap {
             kind,
@@ -186,7 +193,7 @@ fn march_row(
 ) -> [f64; 2] {
     let (zero, one) = (Lanes::splat(0.0), Lanes::splat(1.0));
     let side = map.side;
-    let steps = ((map.length_m / STEP_M).ceil() as usize).clamp(1, STEPS_MAX);
+    let steps = ((map.length_m / MAP_STEP_M).ceil() as usize).clamp(1, MAP_STEPS_MAX);
     let step = map.length_m / steps as f32;
     let per_pixel = [0, 1].map(|a| 1.0 / (map.per_period[a] * side as f32));
     let mut sums = [0.0f64; 2];
@@ -205,13 +212,16 @@ fn march_row(
                 y + back * map.sun[1],
                 Lanes::splat(map.bottom_m + back * map.sun[2]),
             ];
-            let clear = shape.empty_distance_m(p[0], p[1], p[2]).smallest();
+            let empty = shape.empty_distance_m(p[0], p[1], p[2]);
+            let clear = empty.smallest();
             if clear > 0.0 {
                 n += ((clear / step) as usize).max(1);
                 continue;
             }
-            let t = Lanes::splat(DETAIL_DISTANCE_M);
-            let met = detailed_extinction(shape, noise, detail, &p, t, DETAIL_DISTANCE_M) * step;
+            let t = Lanes::splat(MAP_DETAIL_DISTANCE_M);
+            let met = detailed_extinction(shape, noise, detail, &p, t, MAP_DETAIL_DISTANCE_M) * step;
+            // Each ray for itself, whatever rays are looked at together with it.
+            let met = Lanes::select_less(zero, empty, zero, met);
             if met.any_above(0.0) {
                 let here = Lanes::select_less(zero, met, one, zero);
                 begins = Lanes::select_less(zero, met, begins.min(Lanes::splat(from_top - 0.5 * step)), begins);
@@ -242,7 +252,7 @@ fn march_row(
             MapKind::Fourier => {}
         }
         for (k, values) in kept.iter().take(map.kind.numbers()).enumerate() {
-            let bounded = values.clamp(-DEPTH_MAX, DEPTH_MAX);
+            let bounded = values.clamp(-MAP_DEPTH_MAX, MAP_DEPTH_MAX);
             out[k * side + first..][..LANES].copy_from_slice(&bounded.0);
         }
     }

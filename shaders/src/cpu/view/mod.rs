@@ -350,7 +350,8 @@ fn prepare(
             (look.diffuse_key(cloud_key), &prepared.sun_light, &prepared.phase)
             && prepared.diffuse.as_ref().is_none_or(|(k, _)| *k != key)
         {
-            let diffuse = Diffuse::new(&cloud.shape, sun_light, key.1, phase.asymmetry);
+            let mut diffuse = prepared.diffuse.take().map(|(_, last)| last).unwrap_or_default();
+            diffuse.make(&cloud.shape, sun_light, key.1, phase.asymmetry);
             prepared.diffuse = Some((key, diffuse));
             after("diffusion");
         }

@@ -1,0 +1,284 @@
+//! use shared/shape
+// Stage `diffusion`: the fluence of sunlight that cloud has scattered often. The twins are cpu/light/diffusion.rs (`sources`, `conduct`, `surface`) and
+// cpu/light/diffusion_grids.rs (the others, a grid's step each).
+//
+// Numbers of all grids lie in planes one after the other: the finest grid's cells first, then the next one's.
+
+@group(0) @binding(0) var<uniform> shape: ShapeGrid;
+@group(0) @binding(1) var<uniform> grid: DiffusionGrid;
+@group(0) @binding(2) var<storage, read> shape_words: array<u32>;
+@group(0) @binding(3) var<storage, read> occupancy_words: array<u32>;
+@group(0) @binding(4) var<storage, read> light_words: array<u32>;
+// Conductances to the next cell east, north and up, and to the outside.
+@group(0) @binding(5) var<storage, read_write> conductance: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read_write> numbers: array<f32>;
+// The shadow map and the share behind it, and behind that the fluence.
+@group(0) @binding(7) var<storage, read_write> shadow: array<f32>;
+
+// Planes of `numbers`.
+const SOURCE = 0u;
+const FLUENCE = 1u;
+const SPARE = 2u;
+const TRANSPORT = 3u;
+
+/// Where a cell of this grid stands in its plane.
+fn cell(x: u32, y: u32, z: u32) -> u32 {
+    return grid.first + (z * grid.cells_y + y) * grid.cells_x + x;
+}
+
+fn other_cell(x: u32, y: u32, z: u32) -> u32 {
+    return grid.other_first + (z * grid.other_y + y) * grid.other_x + x;
+}
+
+fn place_of(plane: u32, n: u32) -> u32 {
+    return plane * grid.total + n;
+}
+
+fn beyond(id: vec3<u32>) -> bool {
+    return id.x >= grid.cells_x || id.y >= grid.cells_y || id.z >= grid.levels;
+}
+
+@compute @workgroup_size(32, 2, 2)
+fn sources(@builtin(global_invocation_id) id: vec3<u32>) {
+    if (beyond(id)) {
+        return;
+    }
+    let size = vec3<f32>(grid.cell_size_x_m, grid.cell_size_y_m, grid.cell_size_z_m);
+    let p = (vec3<f32>(id) + 0.5) * size + vec3<f32>(0.0, 0.0, shape.bottom_m);
+    var thick = 0.0;
+    var given = 0.0;
+    if (empty_distance_m(p) <= 0.0) {
+        let s = shape_sample(p);
+        let place = shape_place(p);
+        let row = shape.stride_x;
+        let i = place.index;
+        let j = i + row * shape.stride_y;
+        let deep = vec4<u32>(0xffffu);
+        let low = vec4<u32>(light_words[i], light_words[i + 1u], light_words[i + row], light_words[i + row + 1u]);
+        let high = vec4<u32>(light_words[j], light_words[j + 1u], light_words[j + row], light_words[j + row + 1u]);
+        let depth = DEPTH_UNIT * trilinear(vec4<f32>(low & deep), vec4<f32>(high & deep), place.fraction);
+        let kept = select(s.x, smooth_ramp((s.x - CARVE_EDGE) / CARVE_MEAN_RAMP), grid.carved != 0u);
+        thick = s.y * kept * grid.similarity;
+        // Depths are followed to about this one only: behind it the source would not fall any more and make light.
+        given = select(0.0, thick * size.x * size.y * size.z * exp(-grid.similarity * depth), depth < SUN_MARCH_DEEP);
+    }
+    let n = cell(id.x, id.y, id.z);
+    numbers[place_of(SOURCE, n)] = given;
+    numbers[place_of(FLUENCE, n)] = 0.0;
+    numbers[place_of(TRANSPORT, n)] = thick;
+}
+
+/// Half a cell's resistance to diffuse light, times its face's area.
+fn half_resistance(transport_per_m: f32, size_m: f32) -> f32 {
+    return max(1.5 * transport_per_m * size_m, DIFFUSION_RESISTANCE_LEAST);
+}
+
+/// Conductance from a cell to another and to the outside, where the other is cloud or not.
+fn to_other(here: f32, other: f32, size_m: f32, face_m2: f32) -> vec2<f32> {
+    let half = half_resistance(here, size_m);
+    if (other > 0.0) {
+        return vec2<f32>(face_m2 / (half + half_resistance(other, size_m)), 0.0);
+    }
+    return vec2<f32>(0.0, face_m2 / (half + DIFFUSION_SURFACE_RESISTANCE));
+}
+
+fn transport(x: u32, y: u32, z: u32) -> f32 {
+    return numbers[place_of(TRANSPORT, cell(x, y, z))];
+}
+
+@compute @workgroup_size(32, 2, 2)
+fn conduct(@builtin(global_invocation_id) id: vec3<u32>) {
+    if (beyond(id)) {
+        return;
+    }
+    let here = transport(id.x, id.y, id.z);
+    var through = vec4<f32>(0.0);
+    if (here > 0.0) {
+        let size = vec3<f32>(grid.cell_size_x_m, grid.cell_size_y_m, grid.cell_size_z_m);
+        let face = size.yxx * size.zzy;
+        if (grid.cells_x > 1u) {
+            let east = to_other(here, transport((id.x + 1u) % grid.cells_x, id.y, id.z), size.x, face.x);
+            let west = to_other(here, transport((id.x + grid.cells_x - 1u) % grid.cells_x, id.y, id.z), size.x, face.x);
+            through.x = east.x;
+            through.w += east.y + west.y;
+        }
+        if (grid.cells_y > 1u) {
+            let north = to_other(here, transport(id.x, (id.y + 1u) % grid.cells_y, id.z), size.y, face.y);
+            let south = to_other(here, transport(id.x, (id.y + grid.cells_y - 1u) % grid.cells_y, id.z), size.y, face.y);
+            through.y = north.x;
+            through.w += north.y + south.y;
+        }
+        // Light leaves under the ground and above the lid too.
+        var below = to_other(here, 0.0, size.z, face.z);
+        var above = below;
+        if (id.z > 0u) {
+            below = to_other(here, transport(id.x, id.y, id.z - 1u), size.z, face.z);
+        }
+        if (id.z + 1u < grid.levels) {
+            above = to_other(here, transport(id.x, id.y, id.z + 1u), size.z, face.z);
+        }
+        through.z = above.x;
+        through.w += below.y + above.y;
+    }
+    conductance[cell(id.x, id.y, id.z)] = through;
+}
+
+/// How many cells of the finer of this grid and the other make one of the coarser, along each axis.
+fn joined() -> vec3<u32> {
+    let cells = vec3<u32>(grid.cells_x, grid.cells_y, grid.levels);
+    let other = vec3<u32>(grid.other_x, grid.other_y, grid.other_levels);
+    return select(vec3<u32>(1u), vec3<u32>(2u), cells != other);
+}
+
+/// Conductances from the other, finer grid's.
+@compute @workgroup_size(32, 2, 2)
+fn join(@builtin(global_invocation_id) id: vec3<u32>) {
+    if (beyond(id)) {
+        return;
+    }
+    let by = joined();
+    let first = id * by;
+    let last = min(first + by - 1u, vec3<u32>(grid.other_x, grid.other_y, grid.other_levels) - 1u);
+    var sums = vec3<f32>(0.0);
+    var lost = 0.0;
+    for (var z = first.z; z <= last.z; z++) {
+        for (var y = first.y; y <= last.y; y++) {
+            for (var x = first.x; x <= last.x; x++) {
+                let through = conductance[other_cell(x, y, z)];
+                lost += through.w;
+                sums += select(vec3<f32>(0.0), through.xyz, vec3<u32>(x, y, z) == last);
+            }
+        }
+    }
+    sums *= select(vec3<f32>(1.0), vec3<f32>(0.5), by == vec3<u32>(2u));
+    let several = vec3<u32>(grid.cells_x, grid.cells_y, 2u) > vec3<u32>(1u);
+    conductance[cell(id.x, id.y, id.z)] = vec4<f32>(select(vec3<f32>(0.0), sums, several), lost);
+}
+
+/// A cell's fluence, what its neighbours and its source give it, and the sum of its conductances.
+fn balance(id: vec3<u32>, plane: u32) -> vec3<f32> {
+    let n = cell(id.x, id.y, id.z);
+    let west = cell((id.x + grid.cells_x - 1u) % grid.cells_x, id.y, id.z);
+    let east = cell((id.x + 1u) % grid.cells_x, id.y, id.z);
+    let south = cell(id.x, (id.y + grid.cells_y - 1u) % grid.cells_y, id.z);
+    let north = cell(id.x, (id.y + 1u) % grid.cells_y, id.z);
+    let own = conductance[n];
+    let from_west = conductance[west].x;
+    let from_south = conductance[south].y;
+    let base = plane * grid.total;
+    var given = numbers[place_of(SOURCE, n)];
+    given += from_south * numbers[base + south];
+    given += own.y * numbers[base + north];
+    var sum = own.w + own.x + from_west;
+    sum = sum + own.y + from_south + own.z;
+    if (id.z > 0u) {
+        let below = cell(id.x, id.y, id.z - 1u);
+        let from_below = conductance[below].z;
+        given += from_below * numbers[base + below];
+        sum += from_below;
+    }
+    if (id.z + 1u < grid.levels) {
+        given += own.z * numbers[base + cell(id.x, id.y, id.z + 1u)];
+    }
+    given += from_west * numbers[base + west];
+    given += own.x * numbers[base + east];
+    return vec3<f32>(numbers[base + n], given, sum);
+}
+
+@compute @workgroup_size(32, 2, 2)
+fn sweep(@builtin(global_invocation_id) id: vec3<u32>) {
+    if (beyond(id)) {
+        return;
+    }
+    let to_spare = grid.to_spare != 0u;
+    let b = balance(id, select(SPARE, FLUENCE, to_spare));
+    let settled = select(0.0, b.y / b.z, b.z > 0.0);
+    numbers[place_of(select(FLUENCE, SPARE, to_spare), cell(id.x, id.y, id.z))] = b.x + grid.weight * (settled - b.x);
+}
+
+/// What the equation leaves over, into the spare plane.
+@compute @workgroup_size(32, 2, 2)
+fn leave_over(@builtin(global_invocation_id) id: vec3<u32>) {
+    if (beyond(id)) {
+        return;
+    }
+    let b = balance(id, FLUENCE);
+    numbers[place_of(SPARE, cell(id.x, id.y, id.z))] = b.y - b.x * b.z;
+}
+
+/// Takes as its source what the other, finer grid left over, and begins with no fluence.
+@compute @workgroup_size(32, 2, 2)
+fn take_up(@builtin(global_invocation_id) id: vec3<u32>) {
+    if (beyond(id)) {
+        return;
+    }
+    let first = id * joined();
+    let end = min(first + joined(), vec3<u32>(grid.other_x, grid.other_y, grid.other_levels));
+    var sum = 0.0;
+    for (var z = first.z; z < end.z; z++) {
+        for (var y = first.y; y < end.y; y++) {
+            for (var x = first.x; x < end.x; x++) {
+                sum += numbers[place_of(SPARE, other_cell(x, y, z))];
+            }
+        }
+    }
+    let n = cell(id.x, id.y, id.z);
+    numbers[place_of(SOURCE, n)] = sum;
+    numbers[place_of(FLUENCE, n)] = 0.0;
+}
+
+/// The coarsest grid's one cell, solved.
+@compute @workgroup_size(1)
+fn bottom() {
+    let lost = conductance[grid.first].w;
+    numbers[place_of(FLUENCE, grid.first)] = select(0.0, numbers[place_of(SOURCE, grid.first)] / lost, lost > 0.0);
+}
+
+/// Adds the other, coarser grid's fluence.
+@compute @workgroup_size(32, 2, 2)
+fn add(@builtin(global_invocation_id) id: vec3<u32>) {
+    if (beyond(id)) {
+        return;
+    }
+    let above = id / joined();
+    numbers[place_of(FLUENCE, cell(id.x, id.y, id.z))] += numbers[place_of(FLUENCE, other_cell(above.x, above.y, above.z))];
+}
+
+/// The fluence as it is looked up: one more cell on each side in x and y, and in empty cells beside cloud what that inside and at the surface lead to.
+@compute @workgroup_size(32, 2, 2)
+fn surface(@builtin(global_invocation_id) id: vec3<u32>) {
+    let stride = vec2<u32>(grid.cells_x, grid.cells_y) + 2u;
+    if (id.x >= stride.x || id.y >= stride.y || id.z >= grid.levels) {
+        return;
+    }
+    // Stored cell i is cell i - 1; periodic.
+    let x = (id.x + grid.cells_x - 1u) % grid.cells_x;
+    let y = (id.y + grid.cells_y - 1u) % grid.cells_y;
+    var fluence = 0.0;
+    if (transport(x, y, id.z) > 0.0) {
+        fluence = max(numbers[place_of(FLUENCE, cell(x, y, id.z))], 0.0);
+    } else {
+        let mean_m = (grid.cell_size_x_m + grid.cell_size_y_m + grid.cell_size_z_m) / 3.0;
+        var sum = 0.0;
+        var weights = 0.0;
+        for (var c = 0u; c < 27u; c++) {
+            let level = id.z + c / 9u;
+            if (level == 0u || level > grid.levels) {
+                continue;
+            }
+            let n = cell((x + grid.cells_x + c % 3u - 1u) % grid.cells_x, (y + grid.cells_y + c / 3u % 3u - 1u) % grid.cells_y, level - 1u);
+            let thick = numbers[place_of(TRANSPORT, n)];
+            if (thick > 0.0) {
+                // At the surface it is 2 / (2 + half) of the cell's; as far again behind it, straight on.
+                let half = half_resistance(thick, mean_m);
+                let middle = vec3<u32>(c % 3u, c / 3u % 3u, c / 9u) == vec3<u32>(1u);
+                let near = select(vec3<f32>(1.0), vec3<f32>(SURFACE_MIDDLE), middle);
+                let weight = near.x * near.y * near.z;
+                sum += weight * max(numbers[place_of(FLUENCE, n)], 0.0) * max((2.0 - half) / (2.0 + half), 0.0);
+                weights += weight;
+            }
+        }
+        fluence = select(0.0, sum / weights, weights > 0.0);
+    }
+    shadow[shape.stride_x * shape.stride_y + 1u + (id.z * stride.y + id.y) * stride.x + id.x] = fluence;
+}
