@@ -116,8 +116,6 @@ pub enum Scattering {
     Diffusion,
     /// Light of orders from 2 on as in a level slab fitted to the cloud around, from tables of photons followed through slabs; on the CPU alone. The effect's octaves are not looked at.
     Slab,
-    /// The same with slabs found by iteration, as the first authors did: for comparison; on the CPU alone. The effect's octaves are not looked at.
-    SlabCollector,
 }
 
 /// See [`Methods::view_steps`].

@@ -70,8 +70,6 @@ pub enum Scattering {
     Diffusion,
     /// Once, and further as in a slab fitted to the cloud (stage `slab_fit`); on the CPU.
     Slab,
-    /// The same with slabs found by iteration (stage `slab_collector`); on the CPU.
-    SlabCollector,
 }
 
 /// What a shadow map keeps of a ray; see stage `sun_map`.
@@ -151,12 +149,11 @@ pub struct Lighting {
 impl Lighting {
     /// Whether no GPU draws it, this program's or a page's.
     pub fn needs_cpu(&self) -> bool {
-        matches!(self.scattering, Scattering::Slab | Scattering::SlabCollector)
+        self.scattering == Scattering::Slab
     }
     /// Whether the kernels that a page is given don't draw it.
     pub fn needs_server(&self) -> bool {
-        self.needs_cpu()
-            || self.scattering == Scattering::Diffusion
+        matches!(self.scattering, Scattering::Diffusion | Scattering::Slab)
             || matches!(self.sun_occlusion, SunOcclusion::ShadowMap { .. })
     }
 }
@@ -276,10 +273,8 @@ pub struct Sources {
 pub type SunMapKey = (u64, Option<FrameDetail>, MapKind, u32, [f32; 3]);
 /// Phase function, method, octaves: what the numbers that the march turns light by depend on.
 pub type PhaseKey = (PhaseChoice, Scattering, usize);
-/// Volume, whether carved, sun, phase function: what the diffuse light depends on.
+/// Volume, whether carved, sun, phase function: what the diffuse light depends on, and the light of fitted slabs.
 pub type DiffuseKey = (u64, bool, [f32; 3], PhaseChoice);
-/// Which slabs, and what diffuse light depends on: what the light of fitted slabs depends on.
-pub type SlabKey = (Scattering, DiffuseKey);
 
 /// Settings made sense of: bounded, with what follows from them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -361,7 +356,7 @@ impl Look {
             detail: detail.map(|d| frame_detail(d, air_displacement_m, settings.seed)),
             octaves: match settings.lighting.scattering {
                 Scattering::Octaves => (settings.multiple_scattering_octaves as usize).min(OCTAVES_MAX),
-                Scattering::MultipleForward | Scattering::Diffusion | Scattering::Slab | Scattering::SlabCollector => 0,
+                Scattering::MultipleForward | Scattering::Diffusion | Scattering::Slab => 0,
             },
             lighting: settings.lighting,
             steps: match settings.steps {
@@ -430,11 +425,12 @@ impl Look {
         ))
     }
     /// Key of the slabs fitted to the volume with this fingerprint, where they are wanted.
-    pub fn slab_key(&self, volume: u64) -> Option<SlabKey> {
-        let scattering = self.lighting.scattering;
-        matches!(scattering, Scattering::Slab | Scattering::SlabCollector).then_some((
-            scattering,
-            (volume, self.detail.is_some(), self.table_beam, self.lighting.phase),
+    pub fn slab_key(&self, volume: u64) -> Option<DiffuseKey> {
+        (self.lighting.scattering == Scattering::Slab).then_some((
+            volume,
+            self.detail.is_some(),
+            self.table_beam,
+            self.lighting.phase,
         ))
     }
     /// Key of the optical depths of the volume with this fingerprint.

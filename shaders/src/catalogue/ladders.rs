@@ -217,9 +217,6 @@ rungs! {
     Slab Scattering "slab" SLAB_DEVICES, None,
         "orders from 2 on as in a level slab fitted to the cloud by one step, from tables of photons followed through slabs"
         keeps "energy in slabs, to the tables' steps; not in clouds that end sideways";
-    SlabCollector Scattering "slab_collector" SLAB_DEVICES, None,
-        "orders from 2 on as in a level slab found by iteration: under what area of the lit side almost all of a place's light came in"
-        keeps "energy in slabs, to the tables' steps; neighbours may end in different slabs";
     Rayleigh Phase "rayleigh" Devices::Both, None,
         "molecules'"
         keeps "the integral over the sphere, as all";

@@ -90,16 +90,22 @@ fn phase_of_octave(octave: u32, mu: f32) -> f32 {
     return mix(phase.quads[first + i / 4u][i % 4u], phase.quads[first + j / 4u][j % 4u], place - f32(n));
 }
 
-/// Factor on the sum of octaves at a place `depth` behind the cloud's surface towards the sun, where the shares `sky` and `ground` of diffuse light come from above and from below; see the
+/// What light that is even on one side of the cloud brings a place, over its radiance, where the share `passage` of diffuse light passes the cloud and the share `other` comes from the other
+/// side: two streams without absorption.
+fn diffuse_share(passage: f32, other: f32) -> f32 {
+    return passage * (1.0 / max(other, 1e-3) - 0.5);
+}
+
+/// Factor on the sum of octaves at a place `depth` behind the cloud's surface towards the sun, where the share `sky` of diffuse light comes from above and the share `passed` passes the cloud; see the
 /// twin's `octave_shares`.
-fn octave_share(depth: f32, sky: f32, ground: f32) -> f32 {
+fn octave_share(depth: f32, sky: f32, passed: f32) -> f32 {
     let last = f32(OCTAVE_SHARE_NODES - 1u);
     let sun = frame.marched_beam.z;
     let above = (1.0 / max(sky, 1e-3) - 1.0) / LEVEL_RESISTANCE;
     let ratio = clamp((above + LEVEL_DEPTH * sun) / (depth + LEVEL_DEPTH), sun, 1.0);
     let cosine = mix(sun, ratio, TURNED_SHARE * clamp((LEVEL_FROM - depth) / LEVEL_OVER, 0.0, 1.0));
     let between = clamp(last * cosine, 0.0, last - 1e-3);
-    let passage = clamp(last * sky * ground / max(sky + ground - sky * ground, 1e-6), 0.0, last - 1e-3);
+    let passage = clamp(last * passed, 0.0, last - 1e-3);
     let i = u32(between) * OCTAVE_SHARE_NODES + u32(passage);
     let j = i + OCTAVE_SHARE_NODES;
     let rest = fract(passage);
@@ -206,8 +212,10 @@ fn march_before(ray: Ray, limit_m: f32) -> Met {
             } else {
                 depth = secondary_march(p, t);
             }
-            let sky_seen = trilinear(vec4<f32>((low >> vec4<u32>(16u)) & byte), vec4<f32>((high >> vec4<u32>(16u)) & byte), place.fraction);
-            let ground_seen = trilinear(vec4<f32>(low >> vec4<u32>(24u)), vec4<f32>(high >> vec4<u32>(24u)), place.fraction);
+            let sky_seen = (1.0 / 255.0) * trilinear(vec4<f32>((low >> vec4<u32>(16u)) & byte), vec4<f32>((high >> vec4<u32>(16u)) & byte), place.fraction);
+            let ground_seen = (1.0 / 255.0) * trilinear(vec4<f32>(low >> vec4<u32>(24u)), vec4<f32>(high >> vec4<u32>(24u)), place.fraction);
+            // Share of diffuse light that passes the cloud: resistances in series.
+            let passage = sky_seen * ground_seen / max(sky_seen + ground_seen - sky_seen * ground_seen, 1e-6);
             // The last octave's transmittance; squaring gives the one before.
             var passed = exp2(depth * slowest);
             var scattered = 0.0;
@@ -216,7 +224,7 @@ fn march_before(ray: Ray, limit_m: f32) -> Met {
                 passed *= passed;
             }
             if (frame.octaves > 0u) {
-                scattered *= octave_share(depth, sky_seen / 255.0, ground_seen / 255.0);
+                scattered *= octave_share(depth, sky_seen, passage);
             }
             if (frame.similarity > 0.0) {
                 let onward = exp2(depth * (-LOG2_E * frame.similarity));
@@ -230,8 +238,8 @@ fn march_before(ray: Ray, limit_m: f32) -> Met {
             once_rise += share * passed * height;
             sun_base += share * scattered;
             sun_rise += share * scattered * height;
-            from_sky += share * sky_seen;
-            from_ground += share * ground_seen;
+            from_sky += share * diffuse_share(passage, ground_seen);
+            from_ground += share * diffuse_share(passage, sky_seen);
             distance += share * t;
             weights += share;
             through *= kept;
@@ -240,8 +248,8 @@ fn march_before(ray: Ray, limit_m: f32) -> Met {
     }
     met.light = (once_base * once + sun_base) * light.sun_at_base.rgb
         + (once_rise * once + sun_rise) * (light.sun_at_top.rgb - light.sun_at_base.rgb)
-        + from_sky * (0.5 / 255.0) * light.sky_radiance.rgb
-        + from_ground * (0.5 / 255.0) * light.ground_radiance.rgb
+        + from_sky * light.sky_radiance.rgb
+        + from_ground * light.ground_radiance.rgb
             * (1.0 - COVERED_GROUND + COVERED_GROUND * sunlit_share());
     met.through = clamp((through - MARCH_THROUGH_END) / (1.0 - MARCH_THROUGH_END), 0.0, 1.0);
     met.distance_m = distance / max(weights, 1e-6);

@@ -9,7 +9,6 @@ use welkin_shaders::cpu::light::phase_table::PhaseChoice;
 use welkin_shaders::cpu::light::sky_light::SkyLight;
 use welkin_shaders::cpu::light::sky_table::{SkySource, SkyTable};
 use welkin_shaders::cpu::light::sky_visibility::sky_visibility;
-use welkin_shaders::cpu::light::slab_collector::collected;
 use welkin_shaders::cpu::light::slab_fit::SlabFit;
 use welkin_shaders::cpu::light::sun_optical_depth::SunLight;
 use welkin_shaders::cpu::light::transmittance_table::TransmittanceTable;
@@ -193,11 +192,9 @@ pub(super) fn all(ways: &[(Scattering, u32)]) -> Vec<SlabRow> {
                 let phase = MarchPhase::new(one_lobe(*asymmetry), way.0, way.1 as usize);
                 let diffuse =
                     (way.0 == Scattering::Diffusion).then(|| Diffuse::new(&shape, &sun_light, false, phase.asymmetry));
-                let slab = match way.0 {
-                    Scattering::Slab => SlabFit::new(&shape, false, sun, phase.asymmetry),
-                    Scattering::SlabCollector => collected(&shape, false, sun, phase.asymmetry),
-                    _ => None,
-                };
+                let slab = (way.0 == Scattering::Slab)
+                    .then(|| SlabFit::new(&shape, false, sun, phase.asymmetry))
+                    .flatten();
                 let leaves = |from_above: bool| {
                     let mut flux = 0.0;
                     for [cosine, weight] in RULE {
@@ -235,5 +232,50 @@ pub(super) fn all(ways: &[(Scattering, u32)]) -> Vec<SlabRow> {
 fn one_lobe(asymmetry: f64) -> PhaseChoice {
     PhaseChoice::HenyeyGreenstein {
         asymmetry: asymmetry as f32,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A furnace: light that is the same from all sides is the same in cloud, however thick, and behind it.
+    #[test]
+    fn even_light_stays_even() {
+        let mut night = Night::new();
+        night.light = SkyLight {
+            sun_at_base: [0.0; 3],
+            sun_at_top: [0.0; 3],
+            sky_radiance: [1.0; 3],
+            ground_radiance: [1.0; 3],
+            ..night.light
+        };
+        let sun = sun_of(0.5);
+        let phase = MarchPhase::new(one_lobe(0.85), Scattering::Octaves, 0);
+        for depth in [0.1, 1.0, 4.0, 16.0, 64.0] {
+            let volume = slab(depth);
+            let shape = Shape::new(&volume).unwrap();
+            let [nx, ny, _] = volume.grid.cells;
+            let seen = sky_visibility(&shape.slab_per_m, [nx, ny], volume.grid.cell_size_m);
+            let mut sun_light = SunLight::new(&shape, &seen, false, false, sun);
+            // No shadow on the ground.
+            sun_light.sunlit_share = 1.0;
+            for from_above in [true, false] {
+                for cosine in [0.3, 1.0] {
+                    let light = (&phase, 0, None, None);
+                    let frame = night.frame((&shape, &sun_light), light, sun, [cosine, 0.4], from_above);
+                    let mut pixels = [[0.0f32; 3]; 16];
+                    radiance_rows(&frame, 0, &mut pixels);
+                    let mean = pixels.iter().map(|p| f64::from(p[1])).sum::<f64>() / 16.0;
+                    // What shines through is black here: the night behind.
+                    let even = mean + (-depth / cosine).exp();
+                    // Visibilities are kept in 255 steps, and steps of the march cut a slab's edge.
+                    assert!(
+                        (even - 1.0).abs() < 0.02,
+                        "depth {depth}, cosine {cosine}, from above {from_above}: {even}"
+                    );
+                }
+            }
+        }
     }
 }

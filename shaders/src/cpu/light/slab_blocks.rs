@@ -35,11 +35,6 @@ impl<const N: usize> SlabBlocks<N> {
         [0, 1, 2].map(|a| self.cells[a] > 1 && self.spacing_m[a] < 1.5 * least)
     }
 
-    /// The longest edge of a block, m.
-    pub(super) fn edge_m(&self) -> f32 {
-        self.spacing_m[0].max(self.spacing_m[1]).max(self.spacing_m[2])
-    }
-
     /// Whether blocks can join to edges of about `edge_m`.
     pub(super) fn can_grow(&self, edge_m: f32) -> bool {
         let joined = self.joined();

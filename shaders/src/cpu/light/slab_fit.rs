@@ -14,13 +14,11 @@
 //! Errors: a cloud ends sideways too; light that leaves there is not in a slab, and what a cloud in another's shadow gets from its sides is lost. Order 1 in the points' distance.
 //! A sun lower than 7 degrees to the lit side is taken as 7 degrees.
 
-use std::ops::Range;
-
 use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::slab_blocks::SlabBlocks;
-use super::slab_tables::{Fitted, GROUPS, SUNS, SlabSources, SlabTables};
+use super::slab_tables::{Fitted, SUNS, SlabSources, SlabTables};
 use super::sun_optical_depth::{marched_direction, margin_m, optical_depth};
 use crate::cpu::view::lanes::{LANES, Lanes};
 use crate::cpu::view::shape::{Shape, trilinear};
@@ -34,28 +32,18 @@ const ROOT_STEP: f32 = 1.0 / 1024.0;
 /// Depths towards the sun are the march's own, with its finer steps, below this; the stage's above.
 const OWN_DEPTH_MAX: f32 = 50.0;
 /// Least cosine between sun and normal: the tables' first.
-pub(super) const COSINE_LEAST: f32 = 1.0 / SUNS as f32;
+const COSINE_LEAST: f32 = 1.0 / SUNS as f32;
 
 /// See the module.
 #[derive(Clone, Debug)]
 pub struct SlabFit {
-    pub(super) slabs: Vec<Slabs>,
-    /// Unit vectors across the sun's direction, and towards the sun.
-    pub(super) frame: [[f32; 3]; 3],
-    pub(super) sources: SlabSources,
-}
-
-/// A slab for each of the shape's points.
-#[derive(Clone, Debug)]
-pub(super) struct Slabs {
     /// Depths towards the sun and against it, laid out as the shape's words.
-    pub(super) depths: Vec<u32>,
+    depths: Vec<u32>,
     /// Normals.
-    pub(super) normals: Vec<u32>,
-    /// Groups of orders that see this one.
-    pub(super) groups: Range<usize>,
-    /// Depths towards the sun are the march's own below this.
-    pub(super) own_depth_max: f32,
+    normals: Vec<u32>,
+    /// Unit vectors across the sun's direction, and towards the sun.
+    frame: [[f32; 3]; 3],
+    sources: SlabSources,
 }
 
 impl SlabFit {
@@ -68,15 +56,10 @@ impl SlabFit {
         let normals = field.normals(&frame);
         let mut depths = vec![0u32; field.towards.len()];
         let sides = depths.par_iter_mut().zip(&field.towards).zip(&field.against);
-        sides.for_each(|((to, towards), against)| *to = roots(*towards, *against));
-        let slabs = Slabs {
+        sides.for_each(|((to, towards), against)| *to = root(*towards) | root(*against) << 16);
+        Some(SlabFit {
             depths,
             normals,
-            groups: 0..GROUPS,
-            own_depth_max: OWN_DEPTH_MAX,
-        };
-        Some(SlabFit {
-            slabs: vec![slabs],
             frame,
             sources,
         })
@@ -84,8 +67,7 @@ impl SlabFit {
 
     /// Bytes kept.
     pub fn bytes(&self) -> u64 {
-        let words = self.slabs.iter().map(|s| s.depths.len() + s.normals.len());
-        4 * words.sum::<usize>() as u64
+        4 * (self.depths.len() + self.normals.len()) as u64
     }
 
     /// What a unit of extinction at sixteen places in m scatters of orders from 2 on towards a camera that looks along `d`, over the irradiance of the sun's beam, 1/sr. `depth` is the optical depth towards
@@ -94,42 +76,30 @@ impl SlabFit {
     pub(crate) fn towards(&self, shape: &Shape, p: &[Lanes; 3], d: &[Lanes; 3], depth: Lanes, turn: Lanes) -> Lanes {
         let one = Lanes::splat(1.0);
         let (index, f) = shape.place(p[0], p[1], p[2]);
-        let mut sum = Lanes::splat(0.0);
-        for slabs in &self.slabs {
-            let corners = shape.corners(&slabs.depths, index);
-            let staged = square(trilinear(&corners, 0, 0xffff, &f));
-            let against = square(trilinear(&corners, 16, 0xffff, &f));
-            let corners = shape.corners(&slabs.normals, index);
-            let side = [0, 16].map(|shift| trilinear(&corners, shift, 0xffff, &f) * (2.0 / 65_535.0) - 1.0);
-            let sun_cosine = (one - side[0] * side[0] - side[1] * side[1]).sqrt();
-            let mut inward = sun_cosine * turn;
-            for (n, axis) in side.iter().zip(&self.frame) {
-                inward = inward + *n * (d[0] * axis[0] + d[1] * axis[1] + d[2] * axis[2]);
-            }
-            let across = turn - sun_cosine * inward;
-            let towards = Lanes::select_less(Lanes::splat(slabs.own_depth_max), staged, staged, depth);
-            let sun_cosine = sun_cosine.max(Lanes::splat(COSINE_LEAST));
-            let slab = Fitted {
-                thickness: (towards + against) * sun_cosine,
-                depth: towards * sun_cosine,
-                sun_cosine,
-            };
-            sum = sum + self.sources.towards(&slab, slabs.groups.clone(), inward, across);
+        let corners = shape.corners(&self.depths, index);
+        let staged = square(trilinear(&corners, 0, 0xffff, &f));
+        let against = square(trilinear(&corners, 16, 0xffff, &f));
+        let corners = shape.corners(&self.normals, index);
+        let side = [0, 16].map(|shift| trilinear(&corners, shift, 0xffff, &f) * (2.0 / 65_535.0) - 1.0);
+        let sun_cosine = (one - side[0] * side[0] - side[1] * side[1]).sqrt();
+        let mut inward = sun_cosine * turn;
+        for (n, axis) in side.iter().zip(&self.frame) {
+            inward = inward + *n * (d[0] * axis[0] + d[1] * axis[1] + d[2] * axis[2]);
         }
-        sum
+        let across = turn - sun_cosine * inward;
+        let towards = Lanes::select_less(Lanes::splat(OWN_DEPTH_MAX), staged, staged, depth);
+        let sun_cosine = sun_cosine.max(Lanes::splat(COSINE_LEAST));
+        let slab = Fitted {
+            thickness: (towards + against) * sun_cosine,
+            depth: towards * sun_cosine,
+            sun_cosine,
+        };
+        self.sources.towards(&slab, inward, across)
     }
 }
 
-/// Depths towards the sun and against it, packed.
-pub(super) fn roots(towards: f32, against: f32) -> u32 {
-    let root = |depth: f32| (depth.clamp(0.0, DEPTH_MAX).sqrt() / ROOT_STEP) as u32;
-    root(towards) | root(against) << 16
-}
-
-/// The two numbers of a normal across the sun's direction, packed.
-pub(super) fn normal_code([a, b]: [f32; 2]) -> u32 {
-    let code = |v: f32| ((v.clamp(-1.0, 1.0) + 1.0) * 32_767.5) as u32;
-    code(a) | code(b) << 16
+fn root(depth: f32) -> u32 {
+    (depth.clamp(0.0, DEPTH_MAX).sqrt() / ROOT_STEP) as u32
 }
 
 #[inline(always)]
@@ -138,23 +108,23 @@ fn square(root: Lanes) -> Lanes {
 }
 
 /// Two unit vectors across a direction, and the direction.
-pub(super) fn across(sun: [f32; 3]) -> [[f32; 3]; 3] {
+fn across(sun: [f32; 3]) -> [[f32; 3]; 3] {
     let sun = glam::Vec3::from_array(sun);
     let (a, b) = sun.any_orthonormal_pair();
     [a.to_array(), b.to_array(), sun.to_array()]
 }
 
 /// Depths at the shape's points, as stored; below 0 where there is no cloud near.
-pub(super) struct Field<'a> {
-    pub(super) shape: &'a Shape,
-    pub(super) towards: Vec<f32>,
-    pub(super) against: Vec<f32>,
+struct Field<'a> {
+    shape: &'a Shape,
+    towards: Vec<f32>,
+    against: Vec<f32>,
     /// Extinction, 1/m.
     extinction: Vec<f32>,
 }
 
 impl Field<'_> {
-    pub(super) fn new(shape: &Shape, carved: bool, sun: [f32; 3]) -> Field<'_> {
+    fn new(shape: &Shape, carved: bool, sun: [f32; 3]) -> Field<'_> {
         let level_len = shape.stride[0] * shape.stride[1];
         let fill = |direction: [f32; 3]| {
             let mut depths = vec![-1.0f32; shape.words.len()];
@@ -198,14 +168,15 @@ impl Field<'_> {
                 } else {
                     [0.0; 2]
                 };
-                *to = normal_code([a, b]);
+                let code = |v: f32| ((v.clamp(-1.0, 1.0) + 1.0) * 32_767.5) as u32;
+                *to = code(a) | code(b) << 16;
             }
         });
         words
     }
 
     /// Unit normals in the sun's frame times the extinction, and the extinction; of the points without their padding.
-    pub(super) fn fine_normals(&self, frame: &[[f32; 3]; 3]) -> Vec<[f32; 4]> {
+    fn fine_normals(&self, frame: &[[f32; 3]; 3]) -> Vec<[f32; 4]> {
         let [nx, ny, nz] = self.shape.points;
         let [row, rows] = self.shape.stride;
         let mut fine = vec![[0.0f32; 4]; nx * ny * nz];

@@ -716,8 +716,9 @@ fn march<const LIMITED: bool>(
                     scattered = scattered + phases[octave] * passed;
                     passed = passed * passed;
                 }
+                let passage = passage(sky_seen, ground_seen);
                 if frame.octaves > 0 {
-                    scattered = scattered * octave_share(shares, sun[2], depth, sky_seen, ground_seen);
+                    scattered = scattered * octave_share(shares, sun[2], depth, sky_seen, passage);
                 }
                 if let Some(diffuse) = frame.diffuse {
                     let onward = (depth * (-std::f32::consts::LOG2_E * diffuse.similarity)).exp2();
@@ -737,8 +738,8 @@ fn march<const LIMITED: bool>(
                 once_rise = once_rise + share * passed * height;
                 sun_base = sun_base + share * scattered;
                 sun_rise = sun_rise + share * scattered * height;
-                from_sky = from_sky + share * sky_seen;
-                from_ground = from_ground + share * ground_seen;
+                from_sky = from_sky + share * diffuse_share(passage, ground_seen);
+                from_ground = from_ground + share * diffuse_share(passage, sky_seen);
                 distance = distance + share * t;
                 weights = weights + share;
                 through = through * kept;
@@ -752,9 +753,9 @@ fn march<const LIMITED: bool>(
     for c in 0..3 {
         met.light[c] = (once_base * once[c] + sun_base) * light.sun_at_base[c]
             + (once_rise * once[c] + sun_rise) * (light.sun_at_top[c] - light.sun_at_base[c])
-            + from_sky * (0.5 * light.sky_radiance[c])
+            + from_sky * light.sky_radiance[c]
             + from_ground
-                * (0.5 * light.ground_radiance[c] * (1.0 - COVERED_GROUND + COVERED_GROUND * sun_light.sunlit_share));
+                * (light.ground_radiance[c] * (1.0 - COVERED_GROUND + COVERED_GROUND * sun_light.sunlit_share));
     }
     // Divided, so that a ray that met nothing keeps exactly 1 and costs no haze.
     met.through = ((through - MARCH_THROUGH_END) / Lanes::splat(1.0 - MARCH_THROUGH_END)).clamp(0.0, 1.0);
@@ -762,17 +763,29 @@ fn march<const LIMITED: bool>(
     met
 }
 
-/// Factor on the sum of octaves at places `depth` behind the cloud's surface towards the sun, where the shares `sky` and `ground` of diffuse light come from above and from below; see
+/// Share of diffuse light that passes the cloud from top to bottom where the shares `sky` and `ground` of it come from above and from below: resistances in series.
+#[inline(always)]
+fn passage(sky: Lanes, ground: Lanes) -> Lanes {
+    sky * ground / (sky + ground - sky * ground).max(Lanes::splat(1e-6))
+}
+
+/// What light that is even on one side of the cloud brings a place, over its radiance; `other` is the share that comes from the other side. Two streams without absorption: the share that passes
+/// goes down from place to place, all else turns back. Both sides together bring 1, so that light that is the same everywhere stays so.
+#[inline(always)]
+fn diffuse_share(passage: Lanes, other: Lanes) -> Lanes {
+    passage * (Lanes::splat(1.0) / other.max(Lanes::splat(1e-3)) - 0.5)
+}
+
+/// Factor on the sum of octaves at places `depth` behind the cloud's surface towards the sun, where the share `sky` of diffuse light comes from above and the share `passage` passes the cloud; see
 /// [`crate::cpu::light::octave_shares`].
 #[inline(always)]
-fn octave_share(shares: &[f32], sun: f32, depth: Lanes, sky: Lanes, ground: Lanes) -> Lanes {
+fn octave_share(shares: &[f32], sun: f32, depth: Lanes, sky: Lanes, passage: Lanes) -> Lanes {
     let last = (OCTAVE_SHARE_NODES - 1) as f32;
     let one = Lanes::splat(1.0);
     let above = (one / sky.max(Lanes::splat(1e-3)) - 1.0) * (1.0 / LEVEL_RESISTANCE);
     let cosine = ((above + LEVEL_DEPTH * sun) / (depth + LEVEL_DEPTH)).clamp(sun, 1.0);
     let known = ((Lanes::splat(LEVEL_FROM) - depth) * (TURNED_SHARE / LEVEL_OVER)).clamp(0.0, TURNED_SHARE);
     let cosine = (cosine - sun) * known + sun;
-    let passage = sky * ground / (sky + ground - sky * ground).max(Lanes::splat(1e-6));
     let (row, between) = (cosine * last).clamp(0.0, last - 1e-3).split();
     let (node, rest) = (passage * last).clamp(0.0, last - 1e-3).split();
     let mut at = node;
