@@ -130,7 +130,7 @@ const REPROJECT_DEVICES: Devices = Devices::CpuOnly(
 );
 /// Where fitted slabs are there.
 const SLAB_DEVICES: Devices = Devices::CpuOnly(
-    "the march binds all eight storage buffers that WebGPU grants; slabs and their tables would be two more",
+    "fitting marches both ways along the sun from every point near cloud, seconds of a processor for a sun and a tick, and its pictures miss more than diffusion's: a rung for comparison and still pictures",
 );
 /// One stage spans a substep of any length that trajectories can follow.
 const SEMI_LAGRANGIAN: Option<Advance> = Some(Advance {

@@ -11,7 +11,7 @@
 //! goes a share of the way to the ratio of the optical depths upwards and towards the sun.
 //!
 //! Keeps: in a level slab all that came in, whatever its depth and the sun's height, between the nodes to some parts in a hundred. Other clouds get what a slab gets
-//! that lets as much diffuse light pass: near the edge of a cloud that ends sideways that is too much, on sides under a low sun too little. As Wrenninge et al. (2013) give them, weights alone, octaves bring thin cloud up to four
+//! that lets as much diffuse light pass: near the edge of a cloud that ends sideways that is too much, on sides under a low sun too little. As Wrenninge et al. (2013) give them, weights alone, octaves bring thin cloud up to three and a half
 //! times what came in (a depth of 1 under a sun of cosine 0.1) and thick cloud a third. Only [`OCTAVE_SHARE_MOST`] bounds the factor: few octaves of the forward peak cannot turn back all light.
 
 use super::march_phase::{GAUSS, MOMENTS, legendre};
