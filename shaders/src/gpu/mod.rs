@@ -98,6 +98,7 @@ modules! {
     "shared/spline" constants [] structs [];
     "shared/detail" constants [view_twins::detail_noise::WGSL] structs [];
     "shared/extinction" constants [view_twins::march::WGSL] structs [];
+    "shared/light_words" constants [light::sun_optical_depth::WGSL] structs [];
     "shared/diffuse_light" constants [light::diffusion::WGSL] structs [ViewFrame::LAYOUT];
     "shared/sun_map" constants [] structs [ViewFrame::LAYOUT];
     "shared/sky_look" constants [light::sky_table::WGSL] structs [ViewFrame::LAYOUT];

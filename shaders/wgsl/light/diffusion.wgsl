@@ -1,4 +1,5 @@
 //! use shared/shape
+//! use shared/light_words
 // Stage `diffusion`: the fluence of sunlight that cloud has scattered often. The twins are cpu/light/diffusion.rs (`sources`, `conduct`, `surface`) and
 // cpu/light/diffusion_grids.rs (the others, a grid's step each).
 //
@@ -49,14 +50,7 @@ fn sources(@builtin(global_invocation_id) id: vec3<u32>) {
     var given = 0.0;
     if (empty_distance_m(p) <= 0.0) {
         let s = shape_sample(p);
-        let place = shape_place(p);
-        let row = shape.stride_x;
-        let i = place.index;
-        let j = i + row * shape.stride_y;
-        let deep = vec4<u32>(0xffffu);
-        let low = vec4<u32>(light_words[i], light_words[i + 1u], light_words[i + row], light_words[i + row + 1u]);
-        let high = vec4<u32>(light_words[j], light_words[j + 1u], light_words[j + row], light_words[j + row + 1u]);
-        let depth = DEPTH_UNIT * trilinear(vec4<f32>(low & deep), vec4<f32>(high & deep), place.fraction);
+        let depth = depth_towards_beam(p);
         let kept = select(s.x, smooth_ramp((s.x - CARVE_EDGE) / CARVE_MEAN_RAMP), grid.carved != 0u);
         thick = s.y * kept * grid.similarity;
         // Depths are followed to about this one only: behind it the source would not fall any more and make light.

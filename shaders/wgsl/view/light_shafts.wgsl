@@ -1,22 +1,11 @@
 //! use shared/atmosphere
 //! use shared/phase
 //! use shared/shape
+//! use shared/light_words
 //! use view/haze
 //! use view/ground
 // Stage `light_shafts`: the shadows that clouds throw into hazy air. The twin is cpu/view/light_shafts.rs.
 // The module that uses it binds the uniforms `frame`, `light` and `shape`, and `light_words` and `shadow`, and has `slab`.
-
-/// Optical depth towards the beam at a place within the clouds' slab.
-fn depth_beside(p: vec3<f32>) -> f32 {
-    let place = shape_place(p);
-    let row = shape.stride_x;
-    let i = place.index;
-    let j = i + row * shape.stride_y;
-    let deep = vec4<u32>(0xffffu);
-    let low = vec4<u32>(light_words[i], light_words[i + 1u], light_words[i + row], light_words[i + row + 1u]);
-    let high = vec4<u32>(light_words[j], light_words[j + 1u], light_words[j + row], light_words[j + row + 1u]);
-    return DEPTH_UNIT * trilinear(vec4<f32>(low & deep), vec4<f32>(high & deep), place.fraction);
-}
 
 /// Radiance that shadows take from a ray whose cloud is `cloud_m` off and lets `through` pass.
 fn shafts_taken(d: vec3<f32>, curve: f32, end_m: f32, turn: f32, pattern: f32, cloud_m: f32, through: f32) -> vec3<f32> {
@@ -46,7 +35,7 @@ fn shafts_taken(d: vec3<f32>, curve: f32, end_m: f32, turn: f32, pattern: f32, c
         if (below > 0.0) {
             depth = shadow_depth(p.xy + below / sun.z * sun.xy);
         } else {
-            depth = depth_beside(p);
+            depth = depth_towards_beam(p);
         }
         let blocked = 1.0 - exp(-depth);
         let spread = blocked * even / (depth * DIFFUSE_VISIBILITY + 1.0);

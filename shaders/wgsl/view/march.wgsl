@@ -146,6 +146,8 @@ fn march_before(ray: Ray, limit_m: f32) -> Met {
     for (var octave = 1u; octave <= frame.octaves; octave++) {
         phases[octave] = phase_of_octave(octave, ray.turn);
     }
+    // Of a scene whose light diffuses: what goes about the beam's way.
+    let turned = henyey_greenstein(1.0 - frame.similarity, ray.turn);
     let slowest = -LOG2_E * frame.depth_scale / f32(1u << frame.octaves);
     let sun = frame.marched_beam.xyz;
     let covered = FINE_FIRST_LENGTH_M + FINE_SECOND_LENGTH_M;
@@ -228,7 +230,6 @@ fn march_before(ray: Ray, limit_m: f32) -> Met {
             }
             if (frame.similarity > 0.0) {
                 let onward = exp2(depth * (-LOG2_E * frame.similarity));
-                let turned = henyey_greenstein(1.0 - frame.similarity, ray.turn);
                 scattered = turned * (onward - passed) + diffuse_towards(p, d) * (0.25 / PI);
             }
             let kept = exp2(thick * min(step, limit_m - begun) * -LOG2_E);
