@@ -90,10 +90,10 @@ pub struct Methods {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ViewSampling {
-    /// One in sixteen, the others from the viewer's last picture; on the CPU alone. Single pictures have them all.
+    /// One in sixteen, the others from the viewer's last picture. Single pictures have them all.
     #[serde(rename = "reproject_16")]
     Reproject16,
-    /// One in four, the others from the viewer's last picture; on the CPU alone. Single pictures have them all.
+    /// One in four, the others from the viewer's last picture. Single pictures have them all.
     #[serde(rename = "reproject_4")]
     Reproject4,
     /// All of what is near; clouds farther than 8 km from pictures of them that are kept until they no longer fit; on the CPU alone. Single pictures march them too.

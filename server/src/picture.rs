@@ -18,7 +18,7 @@ use welkin_shaders::cpu::view::reproject::History;
 use welkin_shaders::cpu::view::{
     Detail, Ground, MoonPlace, Prepared, StarPlaces, ViewSampling, ViewSettings, render_live, render_watched,
 };
-use welkin_shaders::gpu::{GpuError, GpuView};
+use welkin_shaders::gpu::{GpuError, GpuHistory, GpuView};
 
 use crate::machine::{Adapter, Compute, gpu_failure};
 use crate::methods;
@@ -44,6 +44,25 @@ pub struct Picture {
     pub render_ms: f64,
 }
 
+/// What a viewer's last picture leaves to the next, where the device that draws keeps it.
+#[derive(Debug, Default)]
+pub struct LastPicture {
+    host: History,
+    gpu: GpuHistory,
+}
+
+impl LastPicture {
+    /// Bytes that it holds, of either memory.
+    pub fn bytes(&self) -> usize {
+        self.host.bytes() + self.gpu.bytes() as usize
+    }
+    /// Forgets it: the next picture is marched whole.
+    pub fn forget(&mut self) {
+        self.host.forget();
+        self.gpu.forget();
+    }
+}
+
 /// Renders pictures of one world; keeps what pictures of the same tick or sky share.
 pub struct Renderer {
     painter: Painter,
@@ -64,15 +83,18 @@ impl Painter {
         &mut self,
         volume: Option<&CloudVolume>,
         settings: &ViewSettings,
-        history: Option<&mut History>,
+        last: Option<&mut LastPicture>,
         after: &mut dyn FnMut(&'static str),
     ) -> Result<Vec<u8>, ApiError> {
         match self {
-            Painter::Cpu(prepared) => Ok(match history {
-                Some(history) => render_live(volume, settings, history, prepared, after),
+            Painter::Cpu(prepared) => Ok(match last {
+                Some(last) => render_live(volume, settings, &mut last.host, prepared, after),
                 None => render_watched(volume, settings, prepared, after),
             }),
-            Painter::Gpu { adapter, view } => on_gpu(adapter, view, |view| view.render(volume, settings, after)),
+            Painter::Gpu { adapter, view } => on_gpu(adapter, view, |view| match last {
+                Some(last) => view.render_live(volume, settings, &mut last.gpu, after),
+                None => view.render(volume, settings, after),
+            }),
         }
     }
 
@@ -185,20 +207,20 @@ impl Renderer {
         Ok(finished(rgb8, size, begin))
     }
 
-    /// Renders the next picture of a viewer who sees one after another, by the scene's `view_sampling`; `history` is what the last one left. Errors: as of [`Renderer::render`].
+    /// Renders the next picture of a viewer who sees one after another, by the scene's `view_sampling`; `last` is what the one before left. Errors: as of [`Renderer::render`].
     pub fn live(
         &mut self,
         snapshot: &Snapshot,
         scene: &Scene,
         camera: &Camera,
         size: [u32; 2],
-        history: &mut History,
+        last: &mut LastPicture,
     ) -> Result<Picture, ApiError> {
         let begin = Instant::now();
         let settings = settings(snapshot, scene, camera, rays(size, 1)?);
         let volume = snapshot.volume.as_deref();
         let mut after = counted(&mut self.stages);
-        let rgb8 = self.painter.paint(volume, &settings, Some(history), &mut after)?;
+        let rgb8 = self.painter.paint(volume, &settings, Some(last), &mut after)?;
         Ok(finished(rgb8, size, begin))
     }
 

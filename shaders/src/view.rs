@@ -166,7 +166,7 @@ pub enum ViewSampling {
     EveryPixel,
     /// One in four, and those between which they disagree (stage `upsample`).
     HalfResolution,
-    /// One in 4 of a viewer's live picture, the others from the one before (stage `reproject`); on the CPU. All where there is no viewer.
+    /// One in 4 of a viewer's live picture, the others from the one before (stage `reproject`). All where there is no viewer.
     Reproject4,
     /// One in 16 of it.
     Reproject16,

@@ -278,7 +278,8 @@ async fn a_viewer_whose_pictures_take_long_lets_others_pass() {
     };
     for (share, heavy_first) in [(0.5, false), (1.0, true)] {
         let renderer = RenderService::start(Compute::Cpu, share).unwrap();
-        let (heavy, light) = (renderer.viewer(), renderer.viewer());
+        let present = [renderer.viewer(), renderer.viewer()];
+        let [heavy, light] = [0, 1].map(|n| present[n].viewer);
         let ask = |viewer, request| renderer.request(viewer, world, request, 10).unwrap();
         // Asked for in this order while the first is being rendered, which takes far longer than the asking.
         let first = ask(heavy, request(600));

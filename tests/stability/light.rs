@@ -6,10 +6,12 @@ use std::sync::Arc;
 use welkin_server::clouds::{ball, cumulus_field, settings, sun, volume};
 use welkin_shaders::cpu::light::path_tracer::Film;
 use welkin_shaders::cpu::light::phase_table::{PhaseChoice, PhaseTable};
+use welkin_shaders::cpu::view::reproject::History;
 use welkin_shaders::cpu::view::{
-    Ground, Lighting, MapKind, Prepared, Scattering, SunOcclusion, ViewSettings, path_trace, radiance, render,
+    Ground, Lighting, MapKind, Prepared, Scattering, SunOcclusion, ViewSampling, ViewSettings, path_trace, radiance,
+    render, render_live,
 };
-use welkin_shaders::gpu::{AdapterChoice, Context, GpuError, GpuView, ViewStages};
+use welkin_shaders::gpu::{AdapterChoice, Context, GpuError, GpuHistory, GpuView, ViewStages};
 use welkin_shaders::view::ViewSteps;
 use welkin_shaders::{CloudVolume, Grid};
 
@@ -362,6 +364,54 @@ fn a_gpu_draws_hard_cases_as_the_cpu_does() {
                         .count();
                     // A ray at the sun's edge or on a cell's border may differ: one pixel of fifteen.
                     assert!(far <= 3, "depth {optical_depth}, {view:?}: {far} values");
+                }
+            }
+        }
+    }
+}
+
+/// Viewers' pictures of the same, one after another, on every way to march fewer pixels that a GPU has: small and odd sizes, one pixel, cameras that jump.
+#[test]
+fn a_gpu_draws_live_pictures_of_hard_cases_as_the_cpu_does() {
+    let context = match Context::open(&AdapterChoice::Any) {
+        Ok(context) => context,
+        Err(error) => return welkin_tests::skip("a_gpu_draws_live_pictures_of_hard_cases", "gpu", error),
+    };
+    let mut gpu = GpuView::new(Arc::new(ViewStages::new(context).unwrap())).unwrap();
+    let samplings = [
+        ViewSampling::HalfResolution,
+        ViewSampling::Reproject4,
+        ViewSampling::Reproject16,
+    ];
+    let sizes = [(5, 3), (5, 3), (1, 1), (1, 1), (2, 9), (2, 9), (17, 4)];
+    for (optical_depth, side_m) in [(1e-6, 100.0), (3.0, 100.0), (1e4, 1000.0)] {
+        let cloud = cells_of(optical_depth, side_m);
+        let mut prepared = Prepared::new();
+        for (elevation, height_m) in [(90.0, 2.0), (0.0, 3.5 * side_m), (30.0, 7.5 * side_m)] {
+            for sampling in samplings {
+                let (mut history, mut gpu_history) = (History::default(), GpuHistory::default());
+                // Each twice, so that the second has something to build on.
+                for n in 0..2 * sizes.len() {
+                    let step = (n / 2) as f32;
+                    let (width, height) = sizes[n / 2];
+                    let view = ViewSettings {
+                        camera_position_m: [(2.2 + 0.1 * step) * side_m, 1.7 * side_m, height_m],
+                        elevation_deg: 60.0 - 15.0 * step,
+                        sun_direction: sun(elevation, 0.0),
+                        width,
+                        height,
+                        sampling,
+                        ..small()
+                    };
+                    let drawn = gpu.render_live(Some(&cloud), &view, &mut gpu_history, &mut |_| {});
+                    let drawn = drawn.unwrap();
+                    let wanted = render_live(Some(&cloud), &view, &mut history, &mut prepared, &mut |_| {});
+                    let far = drawn.iter().zip(&wanted).filter(|(a, b)| a.abs_diff(**b) > 3).count();
+                    // As of single pictures.
+                    assert!(
+                        drawn.len() == wanted.len() && far <= 3,
+                        "depth {optical_depth}, {view:?}: {far} values"
+                    );
                 }
             }
         }

@@ -17,7 +17,7 @@ use std::sync::Arc;
 use adapter::adapter;
 use welkin_server::clouds::{Random, ball, cumulus_field, settings, sun, volume};
 use welkin_server::machine::Compute;
-use welkin_server::picture::{self, Renderer};
+use welkin_server::picture::{self, LastPicture, Renderer};
 use welkin_server::world::World;
 use welkin_shaders::catalogue::{Devices, Rung, VIEW_STAGES, Within};
 use welkin_shaders::cpu::light::Atmosphere;
@@ -342,6 +342,23 @@ fn the_servers_renderer_draws_on_the_gpu() {
     let march = plan.passes.iter().find(|p| p.stage == "march").unwrap();
     assert!(march.runs == 1 && march.mean_ms.unwrap() > 0.0);
 
+    // A viewer's pictures build on one another, in the memory of the device that draws.
+    let mut live_scene = world.scene().clone();
+    live_scene.methods.view_sampling = Some(welkin_proto::scene::ViewSampling::Reproject4);
+    let mut last = LastPicture::default();
+    let live = |renderer: &mut Renderer, last: &mut LastPicture| {
+        renderer
+            .live(&snapshot, &live_scene, &camera, [64, 36], last)
+            .map(|p| p.rgb8)
+    };
+    for _ in 0..2 {
+        near(&live(&mut gpu, &mut last).unwrap());
+        assert_eq!(last.bytes(), 20 * 64 * 36);
+    }
+    let mut on_host = LastPicture::default();
+    near(&live(&mut cpu, &mut on_host).unwrap());
+    assert_eq!(on_host.bytes(), 40 * 64 * 36);
+
     compute.context().unwrap().device.destroy();
     let lost = draw(&mut gpu).err().expect("a picture on a destroyed device");
     // Whichever is noticed first: the loss, or what the destroyed device refuses.
@@ -350,4 +367,5 @@ fn the_servers_renderer_draws_on_the_gpu() {
         "{lost:?}"
     );
     near(&draw(&mut gpu).unwrap().rgb8);
+    near(&live(&mut gpu, &mut last).unwrap());
 }

@@ -9,7 +9,7 @@
 
 use std::collections::{HashMap, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -17,20 +17,19 @@ use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
 use welkin_proto::wire::FrameFormat;
 use welkin_proto::{ApiError, Camera};
-use welkin_shaders::cpu::view::reproject::History;
 
 use super::View;
 use crate::machine::Compute;
 use crate::methods;
 use crate::past_sky::KeptSky;
-use crate::picture::{self, Picture, Renderer, layers};
+use crate::picture::{self, LastPicture, Picture, Renderer, layers};
 use crate::priority;
 
 /// Pictures kept for viewers who ask for the one just made, in another coding or at the same tick.
 const PICTURES_KEPT: usize = 4;
 /// Coded frames kept.
 const FRAMES_KEPT: usize = 16;
-/// Viewers whose last picture is kept for the next, where pictures build on one another, and the bytes of all of them.
+/// Viewers whose last picture is kept for the next, where pictures build on one another, and the bytes of all of them, in the host's memory and the GPU's.
 const HISTORIES_KEPT: usize = 32;
 const HISTORY_BYTES_MAX: usize = 128 << 20;
 /// A last picture of longer ago than this, in simulated seconds, is of another sky.
@@ -83,6 +82,20 @@ impl Viewer {
     pub const SNAPSHOTS: Viewer = Viewer(0);
 }
 
+/// A viewer who is there. When it is dropped the viewer has left, and what is kept of the last picture is freed.
+pub struct Present {
+    /// The viewer.
+    pub viewer: Viewer,
+    shared: Arc<Shared>,
+}
+
+impl Drop for Present {
+    fn drop(&mut self) {
+        self.shared.lock().left.push(self.viewer);
+        self.shared.wake.notify_one();
+    }
+}
+
 /// A coded picture.
 #[derive(Debug)]
 pub struct Frame {
@@ -121,6 +134,8 @@ struct Shared {
     queue: Mutex<Queue>,
     wake: Condvar,
     viewers: AtomicU64,
+    /// Bytes kept of viewers' last pictures.
+    last_picture_bytes: AtomicUsize,
     /// Of the render thread's time, for one viewer while others wait.
     viewer_share: f64,
 }
@@ -130,6 +145,7 @@ struct Queue {
     jobs: VecDeque<Job>,
     next_job: u64,
     forgotten: Vec<Arc<str>>,
+    left: Vec<Viewer>,
     /// Until when those rest whose pictures took long.
     rests: HashMap<Viewer, Instant>,
     stop: bool,
@@ -172,6 +188,7 @@ impl RenderService {
             queue: Mutex::new(Queue::default()),
             wake: Condvar::new(),
             viewers: AtomicU64::new(1),
+            last_picture_bytes: AtomicUsize::new(0),
             viewer_share: viewer_share.clamp(0.01, 1.0),
         });
         let theirs = shared.clone();
@@ -184,9 +201,17 @@ impl RenderService {
         })
     }
 
-    /// A viewer apart from all others.
-    pub fn viewer(&self) -> Viewer {
-        Viewer(self.shared.viewers.fetch_add(1, Ordering::Relaxed))
+    /// A viewer apart from all others, there until it is dropped.
+    pub fn viewer(&self) -> Present {
+        Present {
+            viewer: Viewer(self.shared.viewers.fetch_add(1, Ordering::Relaxed)),
+            shared: self.shared.clone(),
+        }
+    }
+
+    /// Bytes that are kept of viewers' last pictures for their next, in the host's memory and the GPU's.
+    pub fn last_picture_bytes(&self) -> usize {
+        self.shared.last_picture_bytes.load(Ordering::Relaxed)
     }
 
     /// Queues a frame; one that is the same as a waiting one is shared with it, and so is its cost.
@@ -297,7 +322,11 @@ struct Lasting {
     viewer: Viewer,
     world: Arc<str>,
     simulated_s: f64,
-    history: History,
+    last: LastPicture,
+}
+
+fn bytes_of(all: &[Lasting]) -> usize {
+    all.iter().map(|h| h.last.bytes()).sum()
 }
 
 fn render_loop(shared: &Shared, compute: Compute) {
@@ -315,6 +344,12 @@ fn render_loop(shared: &Shared, compute: Compute) {
             for world in std::mem::take(&mut queue.forgotten) {
                 kept.forget(&world);
             }
+            for viewer in std::mem::take(&mut queue.left) {
+                kept.histories.retain(|h| h.viewer != viewer);
+            }
+            shared
+                .last_picture_bytes
+                .store(bytes_of(&kept.histories), Ordering::Relaxed);
             if queue.stop {
                 return;
             }
@@ -324,10 +359,10 @@ fn render_loop(shared: &Shared, compute: Compute) {
             }
         };
         drop(queue);
-        if job.waiters.iter().all(|w| w.sender.is_closed()) {
+        // One who is still there: what is kept for one who has left would stay.
+        let Some(viewer) = job.waiters.iter().find(|w| !w.sender.is_closed()).map(|w| w.viewer) else {
             continue; // every viewer has left
-        }
-        let viewer = job.waiters.first().map_or(Viewer::SNAPSHOTS, |w| w.viewer);
+        };
         let began = Instant::now();
         let frame =
             catch_unwind(AssertUnwindSafe(|| kept.frame(&job.world, &job.request, viewer))).unwrap_or_else(|_| {
@@ -359,32 +394,31 @@ impl Kept {
     }
 
     /// What the viewer's last picture of that world has left, taken out; nothing of a sky of another time.
-    fn history(&mut self, viewer: Viewer, world: &Arc<str>, simulated_s: f64) -> History {
+    fn history(&mut self, viewer: Viewer, world: &Arc<str>, simulated_s: f64) -> LastPicture {
         let found = self
             .histories
             .iter()
             .position(|h| h.viewer == viewer && h.world == *world);
         let Some(found) = found else {
-            return History::default();
+            return LastPicture::default();
         };
         let mut lasting = self.histories.remove(found);
         if !(0.0..=HISTORY_LASTS_S).contains(&(simulated_s - lasting.simulated_s)) {
-            lasting.history.forget();
+            lasting.last.forget();
         }
-        lasting.history
+        lasting.last
     }
 
     /// Keeps what a picture leaves, and drops what was used longest ago where that is too much.
-    fn keep_history(&mut self, viewer: Viewer, world: Arc<str>, simulated_s: f64, history: History) {
+    fn keep_history(&mut self, viewer: Viewer, world: Arc<str>, simulated_s: f64, last: LastPicture) {
         self.histories.push(Lasting {
             viewer,
             world,
             simulated_s,
-            history,
+            last,
         });
-        let bytes = |all: &[Lasting]| all.iter().map(|h| h.history.bytes()).sum::<usize>();
         while self.histories.len() > HISTORIES_KEPT
-            || (self.histories.len() > 1 && bytes(&self.histories) > HISTORY_BYTES_MAX)
+            || (self.histories.len() > 1 && bytes_of(&self.histories) > HISTORY_BYTES_MAX)
         {
             self.histories.remove(0);
         }
@@ -423,10 +457,10 @@ impl Kept {
                 // The past has no viewers who go on from picture to picture.
                 let live = !request.whole && !request.still && past.is_none();
                 let builds = live && methods::view_sampling(&snapshot.scene).builds_on_last();
-                let mut history = if builds {
+                let mut last = if builds {
                     self.history(viewer, &world.id, simulated_s)
                 } else {
-                    History::default()
+                    LastPicture::default()
                 };
                 let renderer = self
                     .renderers
@@ -434,7 +468,7 @@ impl Kept {
                     .or_insert_with(|| Renderer::new(&self.compute));
                 let (scene, camera) = (&snapshot.scene, &request.camera);
                 let picture = Arc::new(if live {
-                    renderer.live(snapshot, scene, camera, size, &mut history)?
+                    renderer.live(snapshot, scene, camera, size, &mut last)?
                 } else {
                     renderer.render(snapshot, scene, camera, size, request.still)?
                 });
@@ -443,7 +477,7 @@ impl Kept {
                     world.set_view_times(renderer.times());
                 }
                 if builds {
-                    self.keep_history(viewer, world.id.clone(), simulated_s, history);
+                    self.keep_history(viewer, world.id.clone(), simulated_s, last);
                 }
                 keep(&mut self.pictures, (key(), picture.clone()), PICTURES_KEPT);
                 picture

@@ -26,6 +26,8 @@ pub struct Health {
     pub unix_ms: f64,
     /// Open streams.
     pub streams: u64,
+    /// Bytes kept of viewers' last pictures for their next, where pictures build on one another.
+    pub last_picture_bytes: u64,
     /// Each world.
     pub worlds: Vec<WorldHealth>,
 }
@@ -102,6 +104,7 @@ async fn healthz(State(state): State<AppState>) -> (StatusCode, Json<Health>) {
         uptime_s: state.started().elapsed().as_secs_f64(),
         unix_ms: viewing::unix_ms(),
         streams: state.stream_count() as u64,
+        last_picture_bytes: state.renderer().last_picture_bytes() as u64,
         worlds,
     };
     (

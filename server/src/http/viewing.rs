@@ -14,7 +14,7 @@ use super::checks;
 use super::error::internal;
 use super::state::AppState;
 use crate::host::View;
-use crate::host::renderer::{Frame, FrameRequest, Ticket, Viewer};
+use crate::host::renderer::{Frame, FrameRequest, Present, Ticket};
 use crate::limits::Limits;
 use crate::picture::STILL_RAYS_A_SIDE;
 
@@ -76,7 +76,6 @@ struct Shown {
 
 /// See the module.
 pub struct Viewing {
-    viewer: Viewer,
     wish: Option<Wish>,
     /// The frame under way.
     ticket: Option<Ticket>,
@@ -85,18 +84,20 @@ pub struct Viewing {
     next_frame_at: Instant,
     /// What the last frame showed; `None` after a new wish, which is answered even by a world that stands.
     shown: Option<Shown>,
+    /// Dropped after the ticket: who has left waits for nothing.
+    present: Present,
 }
 
 impl Viewing {
     /// A new viewer who wants nothing yet.
     pub fn new(state: &AppState) -> Self {
         Self {
-            viewer: state.renderer().viewer(),
             wish: None,
             ticket: None,
             asked_at: std::time::Instant::now(),
             next_frame_at: Instant::now(),
             shown: None,
+            present: state.renderer().viewer(),
         }
     }
 
@@ -140,7 +141,7 @@ impl Viewing {
         let queued_max = state.limits().queued_frames_max;
         match state
             .renderer()
-            .request(self.viewer, world, wish.request(still), queued_max)
+            .request(self.present.viewer, world, wish.request(still), queued_max)
         {
             Ok(ticket) => {
                 self.ticket = Some(ticket);

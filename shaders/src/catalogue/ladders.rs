@@ -124,9 +124,9 @@ macro_rules! rungs {
 const MULTIGRID_DEVICES: Devices = Devices::CpuOnly(
     "on a GPU the direct solver moves 60 bytes a cell in five dispatches and leaves nothing but rounding; a single cycle would move 120 in dozens, most of them too small to fill it",
 );
-/// Where reprojection is there.
-const REPROJECT_DEVICES: Devices = Devices::CpuOnly(
-    "each viewer's last picture would have to stay in the GPU's memory beside the worlds, 40 bytes a pixel, and there half resolution leaves little to gain: it was not written",
+/// Where impostors are there.
+const IMPOSTOR_DEVICES: Devices = Devices::CpuOnly(
+    "which tiles of far clouds fit, and which are marched anew, is decided by lists and turns that have no kernel: it was not written",
 );
 /// Where fitted slabs are there.
 const SLAB_DEVICES: Devices = Devices::CpuOnly(
@@ -244,13 +244,13 @@ rungs! {
     ByDistance ViewSteps "by_distance" Devices::Both, None,
         "steps that grow with the distance from the camera"
         keeps "what a pixel resolves";
-    Reproject16 ViewSampling "reproject_16" REPROJECT_DEVICES, None,
+    Reproject16 ViewSampling "reproject_16" Devices::Both, None,
         "one pixel in sixteen is marched, the others are looked up in the viewer's last picture"
         keeps "a picture that rests; what changes lags within bounds, and edges soften while the camera moves";
-    Reproject4 ViewSampling "reproject_4" REPROJECT_DEVICES, None,
+    Reproject4 ViewSampling "reproject_4" Devices::Both, None,
         "one pixel in four is marched, the others are looked up in the viewer's last picture"
         keeps "a picture that rests; what changes lags within bounds, and edges soften while the camera moves";
-    Impostors ViewSampling "impostors" REPROJECT_DEVICES, None,
+    Impostors ViewSampling "impostors" IMPOSTOR_DEVICES, None,
         "what is near is marched, clouds farther than 8 km stand on pictures that are kept while they fit"
         keeps "what is near exactly, what is far to 0.15 degrees; far clouds lag behind the weather by some pictures";
     HalfResolution ViewSampling "half_resolution" Devices::Both, None,

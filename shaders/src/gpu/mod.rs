@@ -16,6 +16,7 @@ pub mod view;
 pub mod view_diffusion;
 pub mod view_kernels;
 pub mod view_layers;
+pub mod view_reproject;
 pub mod view_stages;
 pub mod view_sun_map;
 pub mod view_upsample;
@@ -25,6 +26,7 @@ pub use device::Gpu;
 pub use error::GpuError;
 pub use kernel::{Bind, Kernel};
 pub use view::GpuView;
+pub use view_reproject::GpuHistory;
 pub use view_stages::ViewStages;
 
 use crate::cpu::sim::{advect, cloud_extinction, reduce_cloud, saturation_adjustment, surface_flux};
@@ -32,6 +34,7 @@ use crate::cpu::{light, view as view_twins};
 use crate::wgsl::Module;
 use view_diffusion::DiffusionGrid;
 use view_layers::Layering;
+use view_reproject::Recall;
 use view_stages::{
     Air, MARCH_PHASE, ShapeGrid, SkyLightAsk, SkyLightValues, SkyView, SunMarch, ViewFrame, VisibilitySweep,
 };
@@ -121,5 +124,6 @@ modules! {
     "view/light_shafts" constants [view_twins::light_shafts::WGSL, light::sun_optical_depth::WGSL] structs [ViewFrame::LAYOUT, SkyLightValues::LAYOUT];
     "view/march" constants [view_twins::march::WGSL, light::sun_optical_depth::WGSL, light::march_phase::WGSL, light::octave_shares::WGSL] structs [ViewFrame::LAYOUT, SkyLightValues::LAYOUT, MARCH_PHASE];
     "view/upsample" constants [view_twins::upsample::WGSL] structs [Sampling::LAYOUT];
+    "view/reproject" constants [view_twins::reproject::WGSL, light::atmosphere::WGSL] structs [Recall::LAYOUT];
     "view/layers" constants [view_twins::layers::WGSL] structs [Layering::LAYOUT];
 }

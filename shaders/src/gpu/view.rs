@@ -498,61 +498,83 @@ impl GpuView {
         Ok(())
     }
 
-    fn march(
+    /// Draws what is prepared, on its own. Errors: those of memory and loss.
+    pub(super) fn march(
         &mut self,
         look: &Look,
         settings: &ViewSettings,
         after: &mut dyn FnMut(&'static str),
     ) -> Result<Vec<u8>, GpuError> {
         let size = [settings.width, settings.height];
-        let [width, height] = size;
-        // Rows are filled up to whole words.
-        let row_words = width.div_ceil(4) * 3;
-        let bytes = (row_words * height) as u64 * 4;
-        let sampling = Sampling::new(size, row_words * height);
+        let picture_words = row_words(size[0]) * size[1];
         let half = self.has_cloud() && settings.sampling == ViewSampling::HalfResolution;
-        let all = bytes + if half { sampling.words() as u64 * 4 } else { 0 };
-        let picture = self.picture_buffer(all)?;
         let stages = self.stages.clone();
+        let picture;
         if half {
+            let sampling = Sampling::new(size, picture_words, 2, [0, 0]);
+            picture = self.picture_buffer((picture_words + sampling.words()) as u64 * 4)?;
             let uniform = self.context.uniform("the sampling", sampling.bytes())?;
-            let sampled = [sampling.columns as usize, sampling.rows as usize];
             let kernel = stages.samples_kernel()?;
-            self.in_bands(kernel, look, settings, sampled, &picture, Some(&uniform))?;
+            self.in_bands(kernel, look, settings, sampling.size(), &picture, &[&uniform])?;
             self.context.wait()?;
             after("march");
             let kernel = stages.upsampled_kernel()?;
-            self.in_bands(kernel, look, settings, size, &picture, Some(&uniform))?;
+            self.in_bands(kernel, look, settings, size, &picture, &[&uniform])?;
         } else {
-            self.in_bands(&stages.march, look, settings, size, &picture, None)?;
+            picture = self.picture_buffer(picture_words as u64 * 4)?;
+            self.in_bands(&stages.march, look, settings, size, &picture, &[])?;
         }
-        let mut rgb8 = self.context.read(&picture, bytes)?;
-        if row_words * 4 != width * 3 {
-            for row in 1..height {
-                let from = row * row_words * 4;
-                rgb8.copy_within(from..from + width * 3, row * width * 3);
-            }
-        }
-        rgb8.truncate(width * height * 3);
+        let rgb8 = self.read_picture(&picture, size)?;
         after(if half { "upsample" } else { "march" });
         Ok(rgb8)
     }
 
+    /// The bytes of a picture that was drawn. Errors: those of loss.
+    pub(super) fn read_picture(
+        &self,
+        picture: &wgpu::Buffer,
+        [width, height]: [usize; 2],
+    ) -> Result<Vec<u8>, GpuError> {
+        let row_bytes = row_words(width) * 4;
+        let mut rgb8 = self.context.read(picture, (row_bytes * height) as u64)?;
+        if row_bytes != width * 3 {
+            for row in 1..height {
+                let from = row * row_bytes;
+                rgb8.copy_within(from..from + width * 3, row * width * 3);
+            }
+        }
+        rgb8.truncate(width * height * 3);
+        Ok(rgb8)
+    }
+
     /// Whether there is cloud with its light.
-    fn has_cloud(&self) -> bool {
+    pub(super) fn has_cloud(&self) -> bool {
         matches!(self.shape, Some((_, Some(_)))) && self.sun_light.is_some()
     }
 
-    /// Runs a kernel that binds what the march does, and a uniform of its own where it has one, on `columns` by `rows` invocations; in bands of rows, of
+    /// Runs a kernel that binds what the march does, and uniforms of its own where it has some, on `columns` by `rows` invocations; in bands of rows, of
     /// which the frame tells it.
     pub(super) fn in_bands(
         &self,
         kernel: &Kernel,
         look: &Look,
         settings: &ViewSettings,
-        [columns, rows]: [usize; 2],
+        size: [usize; 2],
         picture: &wgpu::Buffer,
-        own: Option<&wgpu::Buffer>,
+        own: &[&wgpu::Buffer],
+    ) -> Result<(), GpuError> {
+        self.in_bands_then(kernel, look, settings, size, (picture, own), |_, _| ())
+    }
+
+    /// The same, and calls `after` with a band's first row and how many it has when that has been submitted.
+    pub(super) fn in_bands_then(
+        &self,
+        kernel: &Kernel,
+        look: &Look,
+        settings: &ViewSettings,
+        [columns, rows]: [usize; 2],
+        (picture, own): (&wgpu::Buffer, &[&wgpu::Buffer]),
+        mut after: impl FnMut(usize, usize),
     ) -> Result<(), GpuError> {
         let (Some(noise), Some((_, air)), Some((_, sky)), Some((_, light)), Some((_, depth_scale, phase))) =
             (&self.noise, &self.air, &self.sky, &self.light, &self.phase)
@@ -563,7 +585,7 @@ impl GpuView {
         };
         let shape = self.shape.as_ref().and_then(|(_, shape)| shape.as_ref());
         let cloud = shape.zip(self.sun_light.as_ref().map(|(_, light)| light));
-        let row_words = settings.width.div_ceil(4) * 3;
+        let row_words = row_words(settings.width);
         let mut frame = ViewFrame::new(look, settings, cloud.is_some(), row_words, *depth_scale);
         if let Some((cloud, _)) = &cloud {
             if look.lighting.scattering == Scattering::Diffusion {
@@ -595,16 +617,17 @@ impl GpuView {
             stars,
             phase,
         ];
-        let buffers: Vec<&wgpu::Buffer> = shared.into_iter().chain(own).collect();
+        let buffers: Vec<&wgpu::Buffer> = shared.into_iter().chain(own.iter().copied()).collect();
         let bound = kernel.bind(&self.context, &buffers);
-        let band = (BAND_PIXELS / columns).next_multiple_of(8).max(8);
+        let band = band_rows(columns);
         for first_row in (0..rows).step_by(band) {
             frame.first_row = first_row as u32;
             self.context
                 .queue
                 .write_buffer(&self.frame, 0, bytemuck::bytes_of(&frame));
-            self.stages
-                .tiles(kernel, &bound, [columns, band.min(rows - first_row)])?;
+            let rows = band.min(rows - first_row);
+            self.stages.tiles(kernel, &bound, [columns, rows])?;
+            after(first_row, rows);
         }
         Ok(())
     }
@@ -613,6 +636,16 @@ impl GpuView {
     pub(super) fn picture_buffer(&mut self, bytes: u64) -> Result<wgpu::Buffer, GpuError> {
         fit(&self.context, &mut self.picture, "the picture", bytes)
     }
+}
+
+/// Words of a row of a picture: filled up to whole ones.
+pub(super) fn row_words(width: usize) -> usize {
+    width.div_ceil(4) * 3
+}
+
+/// Rows of so many columns that one submission draws.
+pub(super) fn band_rows(columns: usize) -> usize {
+    (BAND_PIXELS / columns).next_multiple_of(8).max(8)
 }
 
 /// The map of the sun's rays that a picture wants, if any: behind the shadow map, its share and the fluence.

@@ -4,6 +4,7 @@ use std::sync::OnceLock;
 
 use super::view_diffusion::DiffusionGrid;
 use super::view_layers::Layering;
+use super::view_reproject::Recall;
 use super::view_stages::{
     Air, MARCH_PHASE, ShapeGrid, SkyLightAsk, SkyLightValues, SkyView, SunMarch, ViewFrame, VisibilitySweep,
 };
@@ -43,6 +44,11 @@ const SAMPLED: &[Bind] = &[
     Uniform, Uniform, Uniform, Read, Read, Read, Read, Read, Read, Read, Write, Uniform, Uniform, Uniform,
 ];
 
+/// Those and another.
+const REPROJECTED: &[Bind] = &[
+    Uniform, Uniform, Uniform, Read, Read, Read, Read, Read, Read, Read, Write, Uniform, Uniform, Uniform, Uniform,
+];
+
 macro_rules! kernels {
     ($list:ident $what:literal $($name:literal $module:literal $entry:literal $binds:expr;)*) => {
         #[doc = $what]
@@ -76,6 +82,7 @@ kernels! {
     SERVER_KERNELS "Kernels of the view that this GPU device alone runs, compiled when they are first asked for."
     "samples" "view/upsample" "samples" SAMPLED;
     "upsampled" "view/upsample" "upsampled" SAMPLED;
+    "reprojected" "view/reproject" "reprojected" REPROJECTED;
     "layers" "view/layers" "layers" SAMPLED;
     "sun_map_rays" "light/sun_map" "rays" MAP;
     "sun_map_mean" "light/sun_map" "mean_extinction" MAP;
@@ -135,6 +142,7 @@ pub const VIEW_STRUCTS: &[Layout] = &[
     ViewFrame::LAYOUT,
     MARCH_PHASE,
     Sampling::LAYOUT,
+    Recall::LAYOUT,
     Layering::LAYOUT,
     DiffusionGrid::LAYOUT,
     SunMapping::LAYOUT,

@@ -61,7 +61,7 @@ impl GpuView {
         let own = context.uniform("the layering", layering.bytes())?;
         let stages = self.stages();
         let size = [settings.width, settings.height];
-        self.in_bands(stages.layers.get(&context)?, &look, settings, size, &buffer, Some(&own))?;
+        self.in_bands(stages.layers.get(&context)?, &look, settings, size, &buffer, &[&own])?;
         let bytes = context.read(&buffer, objects_at as u64 * 4)?;
         let numbers: Vec<f32> = bytemuck::pod_collect_to_vec(&bytes);
         after("layers");

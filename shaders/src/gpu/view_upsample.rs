@@ -2,7 +2,7 @@
 
 use super::view_stages::ViewStages;
 use super::{GpuError, Kernel};
-use crate::cpu::view::upsample::SAMPLE_NUMBERS;
+use crate::cpu::view::upsample::{SAMPLE_NUMBERS, samples_along};
 
 crate::gpu_struct! {
     /// Where the samples of a picture lie in its buffer.
@@ -13,20 +13,36 @@ crate::gpu_struct! {
         pub rows: u32,
         /// The first one's word.
         pub samples_at: u32,
+        /// Pixels from one to the next.
+        pub stride: u32,
+        /// The pixel of the first one; it may lie left of the picture.
+        pub origin_x: i32,
+        /// The same, above it.
+        pub origin_y: i32,
         /// Fills 16 bytes.
         pub unused_0: u32,
+        /// Fills 16 bytes.
+        pub unused_1: u32,
     }
 }
 
 impl Sampling {
     /// Of a picture of so many pixels that takes the first `picture_words` words.
-    pub fn new([width, height]: [usize; 2], picture_words: usize) -> Sampling {
+    pub fn new(size: [usize; 2], picture_words: usize, stride: usize, origin: [isize; 2]) -> Sampling {
+        let [columns, rows] = samples_along(size, stride, origin);
         Sampling {
-            columns: (width / 2 + 1) as u32,
-            rows: (height / 2 + 1) as u32,
+            columns: columns as u32,
+            rows: rows as u32,
             samples_at: picture_words as u32,
-            unused_0: 0,
+            stride: stride as u32,
+            origin_x: origin[0] as i32,
+            origin_y: origin[1] as i32,
+            ..Default::default()
         }
+    }
+    /// Across and down.
+    pub fn size(&self) -> [usize; 2] {
+        [self.columns as usize, self.rows as usize]
     }
     /// Words that the samples take.
     pub fn words(&self) -> usize {

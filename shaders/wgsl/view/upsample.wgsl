@@ -1,7 +1,7 @@
 //! use view/march
 // Stage `upsample`: a picture of which one pixel in four is marched, and more only where those disagree. The twin is cpu/view/upsample.rs.
 //
-// Two kernels: `samples` marches every second pixel of every second row, `upsampled` draws the picture. Samples lie behind the picture in the
+// Two kernels: `samples` marches every second pixel of every second row, or others that stage `reproject` wants, `upsampled` draws the picture. Samples lie behind the picture in the
 // same buffer, since the march binds all eight storage buffers that WebGPU grants.
 
 @group(0) @binding(13) var<uniform> sampling: Sampling;
@@ -12,18 +12,23 @@ fn samples(@builtin(global_invocation_id) id: vec3<u32>) {
     if (id.x >= sampling.columns || row >= sampling.rows) {
         return;
     }
-    let met = march(ray_of(vec2<f32>(f32(2u * id.x), f32(2u * row)) + 0.5));
-    let at = sampling.samples_at + row * sampling.columns * SAMPLE_NUMBERS + id.x;
-    picture[at] = bitcast<u32>(met.light.r);
-    picture[at + sampling.columns] = bitcast<u32>(met.light.g);
-    picture[at + 2u * sampling.columns] = bitcast<u32>(met.light.b);
-    picture[at + 3u * sampling.columns] = bitcast<u32>(met.through);
-    picture[at + 4u * sampling.columns] = bitcast<u32>(met.distance_m);
+    let pixel = vec2<i32>(vec2<u32>(id.x, row) * sampling.stride) + vec2<i32>(sampling.origin_x, sampling.origin_y);
+    let met = march(ray_of(vec2<f32>(pixel) + 0.5));
+    keep(met, sampling.samples_at + row * sampling.columns * SAMPLE_NUMBERS + id.x, sampling.columns);
 }
 
-/// A number of the samples around a pixel.
-fn taps(at: vec4<u32>, number: u32) -> vec4<f32> {
-    let n = at + vec4<u32>(number * sampling.columns);
+/// Stores what a ray met, its numbers `apart` words from each other.
+fn keep(met: Met, at: u32, apart: u32) {
+    picture[at] = bitcast<u32>(met.light.r);
+    picture[at + apart] = bitcast<u32>(met.light.g);
+    picture[at + 2u * apart] = bitcast<u32>(met.light.b);
+    picture[at + 3u * apart] = bitcast<u32>(met.through);
+    picture[at + 4u * apart] = bitcast<u32>(met.distance_m);
+}
+
+/// A number at four places, `offset` words behind these.
+fn taps(at: vec4<u32>, offset: u32) -> vec4<f32> {
+    let n = at + vec4<u32>(offset);
     return bitcast<vec4<f32>>(vec4<u32>(picture[n.x], picture[n.y], picture[n.z], picture[n.w]));
 }
 
@@ -46,10 +51,10 @@ fn met_between(x: u32, y: u32, ray: Ray) -> Met {
     let rows = min(vec2<u32>(y, y + 1u) / 2u, vec2<u32>(sampling.rows - 1u)) * (sampling.columns * SAMPLE_NUMBERS);
     let at = vec4<u32>(rows.xx, rows.yy) + columns.xyxy + vec4<u32>(sampling.samples_at);
     let red = taps(at, 0u);
-    let green = taps(at, 1u);
-    let blue = taps(at, 2u);
-    let through = taps(at, 3u);
-    let distance = taps(at, 4u);
+    let green = taps(at, 1u * sampling.columns);
+    let blue = taps(at, 2u * sampling.columns);
+    let through = taps(at, 3u * sampling.columns);
+    let distance = taps(at, 4u * sampling.columns);
     let brightness = (red + green + blue) * (exposed() / 3.0);
     let hidden = 1.0 - through;
     let opacity = mean(hidden);

@@ -2,15 +2,15 @@
 
 use welkin_server::clouds::{ball, cumulus_field, settings, sun};
 use welkin_shaders::CloudVolume;
-use welkin_shaders::catalogue::{Devices, Rung};
 use welkin_shaders::cpu::light::analytic_sky::SkyMethod;
 use welkin_shaders::cpu::light::phase_table::PhaseChoice;
 use welkin_shaders::cpu::view::layers::Layer;
+use welkin_shaders::cpu::view::reproject::History;
 use welkin_shaders::cpu::view::{
     Detail, Ground, MapKind, MoonPlace, Prepared, Scattering, StarPlaces, SunOcclusion, ViewSampling, ViewSettings,
-    layers, render,
+    layers, render, render_live,
 };
-use welkin_shaders::gpu::GpuView;
+use welkin_shaders::gpu::{GpuHistory, GpuView};
 use welkin_shaders::view::ViewSteps;
 
 use super::{Bench, Pair};
@@ -279,12 +279,155 @@ pub(super) fn layers_of_both(bench: &mut Bench) -> Vec<Pair> {
     all
 }
 
-/// No GPU has it; the CPU's is judged in `images/sampling.rs`, and here that every kernel's rung says so.
-pub(super) fn reproject(_: &mut Bench) -> Vec<Pair> {
-    for rung in [Rung::Reproject4, Rung::Reproject16] {
-        assert!(matches!(rung.info().devices, Devices::CpuOnly(_)), "{rung:?}");
+/// Viewers' pictures one after another on both devices: still objects and sky, clouds in the wind, a camera that turns and flies, one that is suddenly elsewhere, other sizes, other light, no cloud.
+pub(super) fn reproject(bench: &mut Bench) -> Vec<Pair> {
+    let (field, thick) = (cumulus_field(7, 12), ball(1500.0, 700.0, 0.06));
+    let mut all = vec![second_band(bench)];
+    for sampling in [ViewSampling::Reproject4, ViewSampling::Reproject16] {
+        let now = |change: &dyn Fn(&mut ViewSettings)| {
+            changed(|v| {
+                v.sampling = sampling;
+                change(v);
+            })
+        };
+        let mut blown = field.clone();
+        let mut series: Vec<(String, Option<CloudVolume>, ViewSettings)> = Vec::new();
+        for n in 0..2 {
+            series.push((format!("at rest, {n}"), Some(field.clone()), now(&|_| ())));
+        }
+        for n in 1..5 {
+            let view = now(&|v| {
+                v.azimuth_deg += 0.7 * n as f32;
+                v.camera_position_m[1] += 15.0 * n as f32;
+            });
+            series.push((format!("a moving camera, {n}"), Some(field.clone()), view));
+        }
+        for n in 1..3 {
+            blown.air_displacement_m = [6.0 * n as f32, 2.0 * n as f32, 0.0];
+            series.push((format!("wind, {n}"), Some(blown.clone()), now(&|_| ())));
+        }
+        let among = |v: &mut ViewSettings| {
+            v.camera_position_m = [3200.0, -2000.0, 1000.0];
+            v.elevation_deg = 0.0;
+        };
+        // Near clouds uncover far ones.
+        series.push(("suddenly among the clouds".to_owned(), Some(field.clone()), now(&among)));
+        let aside = now(&|v| {
+            among(v);
+            v.camera_position_m[0] += 250.0;
+        });
+        series.push(("a jump aside".to_owned(), Some(field.clone()), aside));
+        let small = now(&|v| (v.width, v.height) = (83, 45));
+        series.push(("a smaller picture".to_owned(), Some(field.clone()), small));
+        let turned = now(&|v| {
+            (v.width, v.height) = (83, 45);
+            v.azimuth_deg += 1.3;
+        });
+        series.push(("a smaller picture, turned".to_owned(), Some(field.clone()), turned));
+        let low = now(&|v| v.sun_direction = sun(9.0, 40.0));
+        series.push(("a low sun".to_owned(), Some(field.clone()), low));
+        series.push(("no cloud".to_owned(), None, low));
+        let inside = |v: &mut ViewSettings| v.camera_position_m = [3200.0, 3200.0, 1500.0];
+        series.push(("inside a cloud".to_owned(), Some(thick.clone()), now(&inside)));
+        let rising = now(&|v| {
+            inside(v);
+            v.camera_position_m[2] += 20.0;
+        });
+        series.push(("rising inside a cloud".to_owned(), Some(thick.clone()), rising));
+        all.extend(streams(bench, sampling, &series));
     }
-    Vec::new()
+    all
+}
+
+/// The pictures of one viewer on both devices.
+fn streams(
+    bench: &mut Bench,
+    sampling: ViewSampling,
+    series: &[(String, Option<CloudVolume>, ViewSettings)],
+) -> Vec<Pair> {
+    let (mut prepared, mut history) = (Prepared::new(), History::default());
+    let mut gpu_view = GpuView::new(bench.stages.clone()).unwrap();
+    let mut gpu_history = GpuHistory::default();
+    let mut pairs = Vec::new();
+    for (name, volume, view) in series {
+        let volume = volume.as_ref();
+        let whole_view = ViewSettings {
+            sampling: ViewSampling::EveryPixel,
+            ..*view
+        };
+        let cpu = render_live(volume, view, &mut history, &mut prepared, &mut |_| {});
+        let mut ran = Vec::new();
+        let gpu = gpu_view
+            .render_live(volume, view, &mut gpu_history, &mut |stage| ran.push(stage))
+            .unwrap();
+        let (stage, bytes) = match volume {
+            Some(_) => ("reproject", (20 * view.width * view.height).next_multiple_of(16) as u64),
+            None => ("march", 0),
+        };
+        assert_eq!((ran.last(), gpu_history.bytes()), (Some(&stage), bytes), "{name}");
+        save(&format!("{sampling:?} {name}"), view, &cpu, &gpu);
+        if name.starts_with("at rest") || name.starts_with("a moving camera") {
+            let whole = gpu_view.render(volume, &whole_view, &mut |_| {}).unwrap();
+            let softer = changed_values(&gpu, &whole);
+            println!("{sampling:?}, {name}: {softer} values are not the whole picture's");
+            assert_eq!(
+                softer > gpu.len() / 100,
+                name.starts_with("a moving"),
+                "{sampling:?}, {name}"
+            );
+        }
+        pairs.push(Pair {
+            what: format!("{sampling:?}, {name}"),
+            cpu: cpu.into_iter().map(f32::from).collect(),
+            gpu: gpu.into_iter().map(f32::from).collect(),
+        });
+    }
+    pairs
+}
+
+/// Values that differ by more than a level.
+fn changed_values(a: &[u8], b: &[u8]) -> usize {
+    a.iter().zip(b).filter(|(a, b)| a.abs_diff(**b) > 1).count()
+}
+
+/// A picture so tall that a GPU draws it in two bands: what the second one, clouds below the camera, has left shows in the next picture, which is softer there than a whole one.
+fn second_band(bench: &mut Bench) -> Pair {
+    const COLUMNS: usize = 64;
+    const FIRST_BAND: usize = 4096;
+    let field = cumulus_field(5, 40);
+    let at = |azimuth_deg: f32, sampling| {
+        changed(|v| {
+            (v.width, v.height) = (COLUMNS, FIRST_BAND + 64);
+            v.camera_position_m = [3200.0, -2000.0, 4000.0];
+            // The sky above, a strip of cloud at the bottom.
+            v.elevation_deg = 38.0;
+            v.vertical_fov_deg = 100.0;
+            v.azimuth_deg = azimuth_deg;
+            v.sampling = sampling;
+        })
+    };
+    let (mut prepared, mut history) = (Prepared::new(), History::default());
+    let mut gpu_view = GpuView::new(bench.stages.clone()).unwrap();
+    let mut gpu_history = GpuHistory::default();
+    let (mut cpu, mut gpu) = (Vec::new(), Vec::new());
+    for azimuth_deg in [0.0, 0.31] {
+        let view = at(azimuth_deg, ViewSampling::Reproject16);
+        cpu = render_live(Some(&field), &view, &mut history, &mut prepared, &mut |_| {});
+        gpu = gpu_view
+            .render_live(Some(&field), &view, &mut gpu_history, &mut |_| {})
+            .unwrap();
+    }
+    let whole = gpu_view.render(Some(&field), &at(0.31, ViewSampling::EveryPixel), &mut |_| {});
+    let below = FIRST_BAND * COLUMNS * 3..;
+    let (cpu, gpu, whole) = (&cpu[below.clone()], &gpu[below.clone()], &whole.unwrap()[below]);
+    let softer = changed_values(gpu, whole);
+    println!("the second band: {softer} values are not the whole picture's");
+    assert!(softer > gpu.len() / 50, "{softer} of {} values", gpu.len());
+    Pair {
+        what: "the second band".to_owned(),
+        cpu: cpu.iter().map(|v| f32::from(*v)).collect(),
+        gpu: gpu.iter().map(|v| f32::from(*v)).collect(),
+    }
 }
 
 pub(super) fn octaves(bench: &mut Bench) -> Vec<Pair> {

@@ -66,8 +66,7 @@ pub(super) fn march_samples(frame: &Frame<'_>, samples: &mut Samples) {
 
 /// Marches every `stride`th pixel from `origin` on, to beyond the picture's last ones.
 pub(super) fn march_grid(frame: &Frame<'_>, samples: &mut Samples, stride: usize, origin: [isize; 2]) {
-    let along = |pixels: usize, first: isize| (pixels as isize - 1 - first) as usize / stride + 2;
-    let (columns, rows) = (along(frame.width, origin[0]), along(frame.height, origin[1]));
+    let [columns, rows] = samples_along([frame.width, frame.height], stride, origin);
     samples.columns = columns;
     samples.rows = rows;
     samples.stride = stride;
@@ -87,6 +86,11 @@ pub(super) fn march_grid(frame: &Frame<'_>, samples: &mut Samples, stride: usize
                 out,
             )
         });
+}
+
+/// Samples across and down a picture, from `origin` to beyond its last pixels.
+pub(crate) fn samples_along(size: [usize; 2], stride: usize, origin: [isize; 2]) -> [usize; 2] {
+    [0, 1].map(|a| (size[a] as isize - 1 - origin[a]) as usize / stride + 2)
 }
 
 /// Draws a picture from its samples, marching what they leave open.
