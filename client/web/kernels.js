@@ -2,7 +2,7 @@
 // The server's kernels of light and view, compiled for this computer's GPU. Their WGSL, the names of what they bind, and how their
 // structs lie in memory all come from the server: nothing of that is written a second time here.
 
-/** @import { ShaderStruct, ViewShaders } from "./types.js" */
+/** @import { ShaderKernel, ShaderStruct, ViewShaders } from "./types.js" */
 
 import { request } from "./stream.js";
 
@@ -51,58 +51,84 @@ export function pack(name, struct, values) {
   return bytes;
 }
 
+/** @typedef {{module: GPUShaderModule, layout: GPUPipelineLayout}} Module */
+
 /** Compiled kernels, by the names that the server gives them. */
 export class Kernels {
   /**
    * @param {GPUDevice} device
    * @param {ViewShaders} shaders
-   * @param {Map<string, GPUComputePipeline>} pipelines
    */
-  constructor(device, shaders, pipelines) {
+  constructor(device, shaders) {
     this.device = device;
     this.shaders = shaders;
-    this.pipelines = pipelines;
+    /** @type {Map<string, GPUComputePipeline>} */
+    this.pipelines = new Map();
+    /** @type {Map<string, Promise<void>>} modules of late kernels, compiled or being compiled */
+    this.late = new Map();
   }
 
   /**
-   * Compiles all. Throws what the compiler says.
+   * Compiles all but those that few worlds want. Throws what the compiler says.
    * @param {GPUDevice} device
    * @param {ViewShaders} shaders
    */
   static async compile(device, shaders) {
-    /** @type {Record<string, GPUBufferBindingType>} */
-    const types = { uniform: "uniform", read: "read-only-storage", write: "storage" };
-    /** @type {Map<string, {module: GPUShaderModule, layout: GPUPipelineLayout}>} */
+    const kernels = new Kernels(device, shaders);
+    await kernels.add((kernel) => !kernel.late);
+    return kernels;
+  }
+
+  /**
+   * Compiles a module's late kernels, once. Throws what the compiler says.
+   * @param {string} module
+   */
+  async prepare(module) {
+    const made = this.late.get(module) ?? this.add((kernel) => kernel.late === true && kernel.module === module);
+    this.late.set(module, made);
+    await made;
+  }
+
+  /** @param {(kernel: ShaderKernel) => boolean} wanted */
+  async add(wanted) {
+    const { device, shaders } = this;
+    /** @type {Map<string, Module>} */
     const modules = new Map();
-    for (const [label, { wgsl, bindings }] of Object.entries(shaders.modules)) {
-      const group = device.createBindGroupLayout({
-        label,
-        entries: bindings.map(({ binding, kind }) => ({
-          binding,
-          visibility: GPUShaderStage.COMPUTE,
-          buffer: { type: types[kind] },
-        })),
-      });
-      modules.set(label, {
-        module: device.createShaderModule({ label, code: wgsl }),
-        layout: device.createPipelineLayout({ label, bindGroupLayouts: [group] }),
-      });
-    }
-    const pipelines = await Promise.all(
+    await Promise.all(
       Object.entries(shaders.kernels).map(async ([name, kernel]) => {
-        const made = modules.get(kernel.module);
-        if (made === undefined) {
-          throw new Error(`kernel ${name} is of an unknown module`);
+        if (!wanted(kernel)) {
+          return;
         }
+        const made = modules.get(kernel.module) ?? this.module(kernel.module);
+        modules.set(kernel.module, made);
         const pipeline = await device.createComputePipelineAsync({
           label: name,
           layout: made.layout,
           compute: { module: made.module, entryPoint: kernel.entry },
         });
-        return /** @type {[string, GPUComputePipeline]} */ ([name, pipeline]);
+        this.pipelines.set(name, pipeline);
       }),
     );
-    return new Kernels(device, shaders, new Map(pipelines));
+  }
+
+  /** @param {string} label @returns {Module} */
+  module(label) {
+    const { device, shaders } = this;
+    const { wgsl, bindings } = shaders.modules[label];
+    /** @type {Record<string, GPUBufferBindingType>} */
+    const types = { uniform: "uniform", read: "read-only-storage", write: "storage" };
+    const group = device.createBindGroupLayout({
+      label,
+      entries: bindings.map(({ binding, kind }) => ({
+        binding,
+        visibility: GPUShaderStage.COMPUTE,
+        buffer: { type: types[kind] },
+      })),
+    });
+    return {
+      module: device.createShaderModule({ label, code: wgsl }),
+      layout: device.createPipelineLayout({ label, bindGroupLayouts: [group] }),
+    };
   }
 
   /**
@@ -156,11 +182,17 @@ export class Kernels {
       }
       return { binding, resource: { buffer } };
     });
+    const pipeline = this.pipeline(kernel);
+    return { pipeline, group: this.device.createBindGroup({ layout: pipeline.getBindGroupLayout(0), entries }) };
+  }
+
+  /** @param {string} kernel */
+  pipeline(kernel) {
     const pipeline = this.pipelines.get(kernel);
     if (pipeline === undefined) {
-      throw new Error(`there is no kernel ${kernel}`);
+      throw new Error(`there is no kernel ${kernel}, or it is not compiled`);
     }
-    return { pipeline, group: this.device.createBindGroup({ layout: pipeline.getBindGroupLayout(0), entries }) };
+    return pipeline;
   }
 
   /**
@@ -171,9 +203,19 @@ export class Kernels {
    * @param {number[]} groups
    */
   dispatch(pass, kernel, buffers, groups) {
-    const { pipeline, group } = this.bind(kernel, buffers);
-    pass.setPipeline(pipeline);
-    pass.setBindGroup(0, group);
+    this.record(pass, kernel, this.bind(kernel, buffers).group, groups);
+  }
+
+  /**
+   * The same with buffers that are bound already, for this kernel or another of its module.
+   * @param {GPUComputePassEncoder} pass
+   * @param {string} kernel
+   * @param {GPUBindGroup} bound
+   * @param {number[]} groups
+   */
+  record(pass, kernel, bound, groups) {
+    pass.setPipeline(this.pipeline(kernel));
+    pass.setBindGroup(0, bound);
     const [x, y = 1, z = 1] = groups;
     pass.dispatchWorkgroups(x, y, z);
   }

@@ -272,8 +272,11 @@ export class LocalSky {
           return;
         }
         await this.learnStars(world, scenery);
-        this.scenery = scenery;
-        this.changed();
+        await this.raymarcher.prepare(scenery);
+        if (this.world === world) {
+          this.scenery = scenery;
+          this.changed();
+        }
       }
     } catch (error) {
       if (this.scenery === null) {

@@ -5,7 +5,9 @@
 /** @import { Camera, Cloud, Lights, Scenery } from "./types.js" */
 /** @import { Kernels } from "./kernels.js" */
 
+import { DIFFUSION_MODULE, Diffusion, fluenceNumbers } from "./diffusion.js";
 import { beamDirection, cameraPlace, cloudySlab, horizonSine, marchedSun, moonLook, tableSun, viewFrame } from "./scenery.js";
+import { SUN_MAP_MODULE, drawSunMap, mapNumbers, sunMapping } from "./sun_map.js";
 
 /** Pixels that one submission draws at most, so that the page's other work on the GPU gets its turn. */
 const BAND_PIXELS = 1 << 18;
@@ -29,6 +31,7 @@ export class Raymarcher {
   constructor(kernels) {
     this.kernels = kernels;
     this.device = kernels.device;
+    this.diffusion = new Diffusion(kernels);
     /** @type {Map<string, GPUBuffer>} buffers that grow when they must */
     this.buffers = new Map();
     /** @type {Map<string, string>} what each table was made for */
@@ -56,6 +59,18 @@ export class Raymarcher {
       size: kernels.shaders.structs.ViewFrame.size_bytes,
       usage: GPUBufferUsage.UNIFORM | GPUBufferUsage.COPY_DST,
     });
+  }
+
+  /**
+   * Compiles what a world's light takes and is not compiled yet.
+   * @param {Scenery} scenery
+   */
+  async prepare(scenery) {
+    const { similarity, map_side } = scenery.uniforms.ViewFrame;
+    await Promise.all([
+      Number(similarity) > 0 ? this.kernels.prepare(DIFFUSION_MODULE) : null,
+      Number(map_side) > 0 ? this.kernels.prepare(SUN_MAP_MODULE) : null,
+    ]);
   }
 
   /**
@@ -134,12 +149,12 @@ export class Raymarcher {
       this.shapeIsOld = false;
     }
     const light = this.skyLight(pass, scenery, air, lights);
-    const cloud = this.sunLight(pass, scenery, tableSun(beamDirection(lights, kernels), kernels));
+    const cloud = this.sunLight(pass, scenery, tableSun(beamDirection(lights, kernels), kernels), detail);
     pass.end();
     this.device.queue.submit([encoder.finish()]);
 
     const [width, height] = size;
-    const frame = viewFrame(scenery, camera, lights, this.shape === null ? null : this.cloud, size, kernels);
+    const frame = { ...viewFrame(scenery, camera, lights, this.shape === null ? null : this.cloud, size, kernels), ...cloud.map };
     const picture = this.storage("picture", frame.row_words * height * 4);
     const { pipeline, group } = kernels.bind("march", {
       frame: this.frame,
@@ -392,20 +407,29 @@ export class Raymarcher {
   }
 
   /**
+   * Optical depths towards the sun. Behind the shadow map and its share lies what else the march looks up of light: the diffuse light's fluence, then a map of the sun's rays.
    * @param {GPUComputePassEncoder} pass
    * @param {Scenery} scenery
    * @param {number[]} sun
+   * @param {GPUBuffer} detail
    */
-  sunLight(pass, scenery, sun) {
+  sunLight(pass, scenery, sun, detail) {
     const { kernels, shape } = this;
     if (shape === null) {
-      return { words: this.blank, shadow: this.blank };
+      return { words: this.blank, shadow: this.blank, map: { map_sun: [0, 0, 0, 0], map_at: 0 } };
     }
     const grid = /** @type {Record<string, number>} */ (shape.grid);
+    const similarity = Number(scenery.uniforms.ViewFrame.similarity);
+    const shadowNumbers = grid.stride_x * grid.stride_y + 1;
+    const map_at = shadowNumbers + (similarity > 0 ? fluenceNumbers(grid) : 0);
+    const map = sunMapping(scenery, grid, this.cloud, sun, map_at, kernels);
+    const numbers = map_at + (map === null ? 0 : mapNumbers(map, kernels));
     const words = this.storage("light", grid.stride_x * grid.stride_y * grid.points_z * 4);
-    const shadow = this.storage("shadow", (grid.stride_x * grid.stride_y + 1) * 4);
+    const shadow = this.storage("shadow", numbers * 4);
     const march = { ...scenery.uniforms.SunMarch, direction: marchedSun(sun, kernels) };
-    if (this.isNew("sun light", march)) {
+    if (this.isNew("sun light", march, numbers)) {
+      this.made.delete("diffusion");
+      this.made.delete("sun map");
       const buffers = {
         shape: shape.uniform,
         sun: kernels.uniform("SunMarch", march),
@@ -421,6 +445,16 @@ export class Raymarcher {
       kernels.dispatch(pass, "ground_shadow", buffers, kernels.groups("ground_shadow", points.slice(0, 2)));
       kernels.dispatch(pass, "sunlit_share", buffers, [1]);
     }
-    return { words, shadow };
+    const cloud = { shape: shape.uniform, shape_words: shape.words, occupancy_words: shape.occupancy, shadow };
+    const light = { carved: scenery.uniforms.SunMarch.carved, similarity };
+    if (similarity > 0 && this.isNew("diffusion", light)) {
+      const bytes = this.diffusion.bytes(grid);
+      const planes = { conductance: this.storage("conductance", bytes), numbers: this.storage("diffuse light", bytes) };
+      this.diffusion.run(pass, grid, light, { ...cloud, ...planes, light_words: words });
+    }
+    if (map !== null && this.isNew("sun map", map)) {
+      drawSunMap(pass, kernels, map, { ...cloud, detail_words: detail });
+    }
+    return { words, shadow, map: { map_sun: map?.map_sun ?? [0, 0, 0, 0], map_at } };
   }
 }

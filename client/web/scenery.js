@@ -163,7 +163,24 @@ export function cameraPlace(camera, kernels) {
 }
 
 /**
- * The members of the uniform `ViewFrame`.
+ * What is added to positions for the detail, which moves with the cloudy air, m.
+ * @param {Scenery} scenery
+ * @param {Cloud | null} cloud
+ */
+export function detailOffset(scenery, cloud) {
+  const given = scenery.uniforms.ViewFrame;
+  const tiles_per_m = Number(given.detail_tiles_per_m);
+  const tile_m = tiles_per_m > 0 ? 1 / tiles_per_m : 1;
+  const start_m = /** @type {number[]} */ (given.detail_offset_m);
+  const moved_m = cloud?.air_displacement_m ?? [0, 0];
+  return [0, 1, 2].map((axis) => {
+    const offset_m = start_m[axis] - (moved_m[axis] ?? 0);
+    return offset_m - Math.floor(offset_m / tile_m) * tile_m;
+  });
+}
+
+/**
+ * The members of the uniform `ViewFrame`, but for the place of a map of the sun's rays.
  * @param {Scenery} scenery
  * @param {Camera} camera
  * @param {Lights} lights
@@ -191,10 +208,6 @@ export function viewFrame(scenery, camera, lights, cloud, [width, height], kerne
   const molecules = Math.exp(-altitude_m / kernels.constant("RAYLEIGH_HEIGHT_M"));
   const aerosol = Math.exp(-position_m[2] / kernels.constant("AEROSOL_HEIGHT_M")) * Number(air.aerosol_per_m);
   const rayleigh = ["RED", "GREEN", "BLUE"].map((c) => kernels.constant(`RAYLEIGH_${c}_PER_M`) * molecules);
-  const tiles_per_m = Number(given.detail_tiles_per_m);
-  const tile_m = tiles_per_m > 0 ? 1 / tiles_per_m : 1;
-  const start_m = /** @type {number[]} */ (given.detail_offset_m);
-  const moved_m = cloud?.air_displacement_m ?? [0, 0];
   const fov = clamp(camera.vertical_fov_deg, 0.1, 170) * RADIANS;
   return {
     ...given,
@@ -212,10 +225,7 @@ export function viewFrame(scenery, camera, lights, cloud, [width, height], kerne
     moon_sky: moon?.lights_sky ?? false,
     stars: Boolean(stars),
     haze_per_m: [...rayleigh, aerosol],
-    detail_offset_m: [0, 1, 2].map((axis) => {
-      const offset_m = start_m[axis] - (moved_m[axis] ?? 0);
-      return offset_m - Math.floor(offset_m / tile_m) * tile_m;
-    }),
+    detail_offset_m: detailOffset(scenery, cloud),
     width,
     height,
     first_row: 0,

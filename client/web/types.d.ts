@@ -103,10 +103,13 @@ export type Status =
 /** The kernels that draw pictures, as `GET /v1/shaders/view.json` gives them. */
 export interface ViewShaders {
   modules: Record<string, { wgsl: string; bindings: { name: string; binding: number; kind: "uniform" | "read" | "write"; uniform?: string }[] }>;
-  kernels: Record<string, { module: string; entry: string; workgroup_size: [number, number, number] }>;
+  kernels: Record<string, ShaderKernel>;
   structs: Record<string, ShaderStruct>;
   constants: Record<string, number>;
 }
+
+/** `late` says that few worlds want it. */
+export interface ShaderKernel { module: string; entry: string; workgroup_size: [number, number, number]; late?: boolean }
 
 export interface ShaderStruct {
   size_bytes: number;

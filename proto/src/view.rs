@@ -63,6 +63,9 @@ pub struct ShaderKernel {
     pub entry: String,
     /// Invocations of a workgroup along x, y, z.
     pub workgroup_size: [u32; 3],
+    /// Whether few scenes want it, so that it is best compiled when one does.
+    #[serde(default)]
+    pub late: bool,
 }
 
 /// A struct as it lies in memory.

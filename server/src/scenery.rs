@@ -12,7 +12,7 @@ use welkin_shaders::cpu::light::analytic_sky::SkyMethod;
 use welkin_shaders::cpu::light::march_phase::MarchPhase;
 use welkin_shaders::cpu::light::stars::StarTable;
 use welkin_shaders::gpu::Bind;
-use welkin_shaders::gpu::view_kernels::{VIEW_KERNELS, VIEW_STRUCTS, reflect, view_constants};
+use welkin_shaders::gpu::view_kernels::{LIGHT_KERNELS, VIEW_KERNELS, VIEW_STRUCTS, reflect, view_constants};
 use welkin_shaders::gpu::view_stages::{Air, MARCH_PHASE, SkyLightAsk, SkyView, SunMarch, ViewFrame};
 use welkin_shaders::view::{Look, PhaseKey};
 use welkin_shaders::wgsl::{self, Layout, Literal};
@@ -45,10 +45,8 @@ const SCENERY: &[(&str, &[&str])] = &[
             "step_depth",
             "segments",
             "depth_scale",
-            "map_sun",
             "map_side",
             "map_numbers",
-            "map_at",
             "similarity",
         ],
     ),
@@ -60,7 +58,8 @@ pub fn view_shaders() -> Result<ViewShaders, ApiError> {
     let broken = |what: &str| ApiError::new("internal", format!("the kernels' {what} cannot be read"));
     let mut modules = BTreeMap::new();
     let mut kernels = BTreeMap::new();
-    for kernel in VIEW_KERNELS {
+    let now = VIEW_KERNELS.iter().map(|k| (k, false));
+    for (kernel, late) in now.chain(LIGHT_KERNELS.iter().map(|k| (k, true))) {
         let text = wgsl::source(kernel.module).ok_or_else(|| broken("text"))?;
         let said = reflect(&text).ok_or_else(|| broken("bindings"))?;
         let (_, workgroup_size) = said
@@ -72,6 +71,7 @@ pub fn view_shaders() -> Result<ViewShaders, ApiError> {
             module: kernel.module.to_owned(),
             entry: kernel.entry.to_owned(),
             workgroup_size: *workgroup_size,
+            late,
         };
         kernels.insert(kernel.name.to_owned(), found);
         let bindings = said.bindings.into_iter().map(|b| ShaderBinding {
@@ -144,13 +144,15 @@ pub fn scenery(snapshot: &Snapshot) -> Result<Scenery, ApiError> {
     };
     let settings = picture::settings(snapshot, &snapshot.scene, &camera, [1, 1]);
     let look = Look::new(&settings, [0.0; 3]);
-    if look.lighting.needs_server() {
-        let message = "the scene lights its clouds by a method that only the server has; ask for its frames";
+    if look.lighting.needs_cpu() {
+        let message =
+            "the scene lights its clouds by a method that only the server's processor has; ask for its frames";
         return Err(ApiError::new("method_needs_cpu", message));
     }
     let phase = phase_of(look.phase_key());
     let air = Air::new(&look.air);
-    let frame = ViewFrame::new(&look, &settings, true, 1, phase.depth_scale);
+    let mut frame = ViewFrame::new(&look, &settings, true, 1, phase.depth_scale);
+    frame.tell_light(&look, phase.asymmetry);
     let sun = look.sources().sun;
     let view = SkyView::new(&sun, look.position_m[2]);
     let ask = SkyLightAsk::new(&sun, look.ground, [0.0; 2]);

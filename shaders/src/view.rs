@@ -151,11 +151,6 @@ impl Lighting {
     pub fn needs_cpu(&self) -> bool {
         self.scattering == Scattering::Slab
     }
-    /// Whether the kernels that a page is given don't draw it.
-    pub fn needs_server(&self) -> bool {
-        matches!(self.scattering, Scattering::Diffusion | Scattering::Slab)
-            || matches!(self.sun_occlusion, SunOcclusion::ShadowMap { .. })
-    }
 }
 
 /// How many of a picture's pixels are marched.

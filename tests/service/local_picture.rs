@@ -141,15 +141,28 @@ async fn scenery_has_the_scenes_light_or_says_that_no_kernel_does() {
     server
         .state
         .create_world(with(
-            json!({ "sun_occlusion": { "method": "beer_shadow_map", "side": 64 } }),
+            json!({ "scattering": "diffusion", "sun_occlusion": { "method": "beer_shadow_map", "side": 60 } }),
         ))
         .await
         .unwrap();
-    let refused = server.get("/v1/worlds/w3/scenery").await;
+    let told = server.get("/v1/worlds/w3/scenery").await;
+    assert_eq!(told.status, 200);
+    let frame = &told.json()["uniforms"]["ViewFrame"];
+    // A map's side is whole packets of 16, a Beer map has three numbers a ray, and droplets' asymmetry is 0.8 to 0.9.
+    assert_eq!((&frame["map_side"], &frame["map_numbers"]), (&json!(64.0), &json!(3.0)));
+    let similarity = frame["similarity"].as_f64().unwrap();
+    assert!(similarity > 0.1 && similarity < 0.2, "{similarity}");
+
+    server
+        .state
+        .create_world(with(json!({ "scattering": "slab" })))
+        .await
+        .unwrap();
+    let refused = server.get("/v1/worlds/w4/scenery").await;
     assert_eq!(
         (refused.status, refused.json()["code"].clone()),
         (400, json!("method_needs_cpu"))
     );
-    let frame = server.get("/v1/worlds/w3/frame?width=32&height=18&format=png").await;
+    let frame = server.get("/v1/worlds/w4/frame?width=32&height=18&format=png").await;
     assert_eq!(frame.status, 200);
 }

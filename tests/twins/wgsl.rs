@@ -1,7 +1,7 @@
 //! All WGSL, judged without a device: it parses, it is valid, and every shared struct lies in memory as in Rust.
 
 use naga::valid::{Capabilities, ValidationFlags, Validator};
-use welkin_shaders::gpu::view_kernels::{SERVER_KERNELS, VIEW_KERNELS, VIEW_STRUCTS, reflect};
+use welkin_shaders::gpu::view_kernels::{LIGHT_KERNELS, SERVER_KERNELS, VIEW_KERNELS, VIEW_STRUCTS, reflect};
 use welkin_shaders::gpu::{Bind, MODULES};
 use welkin_shaders::wgsl;
 
@@ -153,7 +153,7 @@ fn structs_lie_in_memory_as_in_rust() {
 /// What is told to those who compile the view's kernels elsewhere is what the kernels say of themselves.
 #[test]
 fn kernels_of_the_view_bind_what_their_list_says() {
-    for kernel in VIEW_KERNELS.iter().chain(SERVER_KERNELS) {
+    for kernel in VIEW_KERNELS.iter().chain(LIGHT_KERNELS).chain(SERVER_KERNELS) {
         let source = wgsl::source(kernel.module).unwrap();
         let said = reflect(&source).unwrap();
         assert!(said.entries.iter().any(|(name, _)| name == kernel.entry), "{kernel:?}");

@@ -22,6 +22,7 @@ const SCRIPTS: &[(&str, &str)] = scripts![
     "main.js",
     "arrows.js",
     "controls.js",
+    "diffusion.js",
     "drawing.js",
     "flight.js",
     "kernels.js",
@@ -40,6 +41,7 @@ const SCRIPTS: &[(&str, &str)] = scripts![
     "status.js",
     "stream.js",
     "sun.js",
+    "sun_map.js",
     "view.js",
     "volume.js",
     "worlds.js"

@@ -16,12 +16,13 @@ use crate::cpu::light::multiple_scattering_table::MultipleScatteringTable;
 use crate::cpu::light::sky_light::SkyLight;
 use crate::cpu::light::sky_table::{SkyTable, horizon_sine, sun_azimuth};
 use crate::cpu::light::stars::StarTable;
+use crate::cpu::light::sun_map::map_side;
 use crate::cpu::light::sun_optical_depth::marched_direction;
 use crate::cpu::light::transmittance_table::TransmittanceTable;
 use crate::cpu::view::haze::Haze;
 use crate::view::{
-    DiffuseKey, Ground, LightKey, Look, PhaseKey, Scattering, SkyKey, Slab, SunLightKey, SunMapKey, ViewSampling,
-    ViewSettings, fingerprint,
+    DiffuseKey, Ground, LightKey, Look, PhaseKey, Scattering, SkyKey, Slab, SunLightKey, SunMapKey, SunOcclusion,
+    ViewSampling, ViewSettings, fingerprint,
 };
 
 /// Pixels that one submission draws at most: a slow GPU's watchdog ends what runs for seconds.
@@ -588,12 +589,9 @@ impl GpuView {
         let row_words = row_words(settings.width);
         let mut frame = ViewFrame::new(look, settings, cloud.is_some(), row_words, *depth_scale);
         if let Some((cloud, _)) = &cloud {
-            if look.lighting.scattering == Scattering::Diffusion {
-                frame.similarity = similarity(self.asymmetry);
-            }
+            frame.tell_light(look, self.asymmetry);
             if let Some(map) = mapping(look, &cloud.grid) {
-                frame.map_sun = map.map_sun;
-                (frame.map_side, frame.map_numbers, frame.map_at) = (map.map_side, map.map_numbers, map.map_at);
+                (frame.map_sun, frame.map_at) = (map.map_sun, map.map_at);
             }
         }
         let blank = &self.blank;
@@ -725,6 +723,15 @@ impl ViewFrame {
             step_depth: look.steps.0,
             segments: look.steps.1,
             ..Default::default()
+        }
+    }
+    /// Tells of diffuse light, by the phase function's asymmetry, and of a map of the sun's rays, where they are wanted; where the map lies is not said.
+    pub fn tell_light(&mut self, look: &Look, asymmetry: f32) {
+        if look.lighting.scattering == Scattering::Diffusion {
+            self.similarity = similarity(asymmetry);
+        }
+        if let SunOcclusion::ShadowMap { kind, side } = look.lighting.sun_occlusion {
+            (self.map_side, self.map_numbers) = (map_side(side) as u32, kind.numbers() as u32);
         }
     }
 }

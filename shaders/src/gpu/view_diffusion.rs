@@ -4,7 +4,9 @@ use super::view_kernels::LateKernel;
 use super::view_stages::{ShapeGrid, ViewStages};
 use super::{GpuError, Kernel};
 use crate::cpu::light::diffusion::similarity;
-use crate::cpu::light::diffusion_grids::{DIFFUSION_CYCLES, DIFFUSION_SWEEP_FIRST, DIFFUSION_SWEEP_SECOND, coarser};
+use crate::cpu::light::diffusion_grids::{
+    DIFFUSION_CYCLES, DIFFUSION_PLANES, DIFFUSION_SWEEP_FIRST, DIFFUSION_SWEEP_SECOND, coarser,
+};
 
 crate::gpu_struct! {
     /// A grid of the diffusion's hierarchy, and the one beside it that a kernel goes to or comes from.
@@ -115,9 +117,6 @@ fn cycle(told: &[Told], whole: bool, run: &mut impl FnMut(Step, &wgpu::Buffer, [
 }
 
 impl ViewStages {
-    /// Numbers a cell of the finest grid that the stage's planes take at most, all grids together: what joins two cells halves them.
-    const PLANES: u64 = 4;
-
     /// Cells of all grids of the hierarchy.
     pub(super) fn diffusion_cells(grid: &ShapeGrid) -> u64 {
         let grids = hierarchy(grid);
@@ -129,7 +128,7 @@ impl ViewStages {
 
     /// Bytes of the conductances, and of the other numbers, of stage `diffusion`.
     pub fn diffusion_bytes(grid: &ShapeGrid) -> u64 {
-        Self::diffusion_cells(grid) * Self::PLANES * 4
+        Self::diffusion_cells(grid) * DIFFUSION_PLANES as u64 * 4
     }
 
     /// Stage `diffusion`; `cloud` is the shape, the occupancy and the light, `scratch` two buffers of [`ViewStages::diffusion_bytes`]. The fluence goes behind the shadow map.

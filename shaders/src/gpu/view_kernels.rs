@@ -11,6 +11,7 @@ use super::view_stages::{
 use super::view_sun_map::SunMapping;
 use super::view_upsample::Sampling;
 use super::{Bind, Context, GpuError, Kernel};
+use crate::cpu::light::diffusion_grids;
 use crate::wgsl::{self, Constant, Layout};
 use Bind::{Read, Uniform, Write};
 
@@ -84,6 +85,10 @@ kernels! {
     "upsampled" "view/upsample" "upsampled" SAMPLED;
     "reprojected" "view/reproject" "reprojected" REPROJECTED;
     "layers" "view/layers" "layers" SAMPLED;
+}
+
+kernels! {
+    LIGHT_KERNELS "Kernels of light that few scenes want, here or in a browser: compiled when they are first asked for."
     "sun_map_rays" "light/sun_map" "rays" MAP;
     "sun_map_mean" "light/sun_map" "mean_extinction" MAP;
     "diffusion_sources" "light/diffusion" "sources" DIFFUSION;
@@ -97,7 +102,7 @@ kernels! {
     "diffusion_surface" "light/diffusion" "surface" DIFFUSION;
 }
 
-/// A kernel of [`SERVER_KERNELS`], compiled when it is first asked for.
+/// A kernel of [`LIGHT_KERNELS`] or [`SERVER_KERNELS`], compiled when it is first asked for.
 #[derive(Debug)]
 pub struct LateKernel {
     name: &'static str,
@@ -150,13 +155,17 @@ pub const VIEW_STRUCTS: &[Layout] = &[
 
 /// The kernel of that name.
 pub fn view_kernel(name: &str) -> Option<&'static ViewKernel> {
-    VIEW_KERNELS.iter().chain(SERVER_KERNELS).find(|k| k.name == name)
+    let late = LIGHT_KERNELS.iter().chain(SERVER_KERNELS);
+    VIEW_KERNELS.iter().chain(late).find(|k| k.name == name)
 }
 
-/// Numbers of the view: the host's own, then those that WGSL is given, each once.
+/// Numbers of the view: the hosts' own, then those that WGSL is given, each once.
 pub fn view_constants() -> Vec<Constant> {
-    let mut all: Vec<Constant> = crate::view::WGSL.to_vec();
-    let used = VIEW_KERNELS.iter().flat_map(|k| wgsl::with_used(k.module));
+    let mut all: Vec<Constant> = [crate::view::WGSL, diffusion_grids::WGSL].concat();
+    let used = VIEW_KERNELS
+        .iter()
+        .chain(LIGHT_KERNELS)
+        .flat_map(|k| wgsl::with_used(k.module));
     for constant in used.flat_map(|m| m.constants.iter().copied().flatten()) {
         if !all.iter().any(|known| known.name == constant.name) {
             all.push(*constant);

@@ -2,7 +2,7 @@
 
 use super::GpuError;
 use super::view_stages::{ShapeGrid, ViewStages};
-use crate::cpu::light::sun_map::map_side;
+use crate::cpu::light::sun_map::{MAP_PLANES_LEAST, map_side};
 use crate::cpu::light::sun_optical_depth::marched_direction;
 use crate::view::{FrameDetail, MapKind};
 
@@ -56,9 +56,9 @@ impl SunMapping {
             ..Default::default()
         }
     }
-    /// Bytes that it takes behind the shadow map: the mean extinction, and planes, of which an exponential map needs three while it is made.
+    /// Bytes that it takes behind the shadow map: the mean extinction, and planes.
     pub fn map_bytes(&self) -> u64 {
-        (1 + u64::from(self.map_side).pow(2) * u64::from(self.map_numbers.max(3))) * 4
+        (1 + u64::from(self.map_side).pow(2) * u64::from(self.map_numbers).max(MAP_PLANES_LEAST as u64)) * 4
     }
 }
 

@@ -63,7 +63,7 @@ fn rays(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let plane = side * side;
     let at = frame.map_at + 1u + id.y * side + id.x;
-    for (var k = 0u; k < max(frame.map_numbers, 3u); k++) {
+    for (var k = 0u; k < max(frame.map_numbers, MAP_PLANES_LEAST); k++) {
         shadow[at + k * plane] = clamp(kept[k], -MAP_DEPTH_MAX, MAP_DEPTH_MAX);
     }
 }

@@ -15,14 +15,19 @@
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-/// Cycles of a solution.
-pub(crate) const DIFFUSION_CYCLES: u32 = 3;
-/// An axis is joined whose cells are less than so many times as long as the shortest.
-const JOINS_BELOW: f32 = 1.5;
-/// Weights of the sweeps: one over the roots of Chebyshev's polynomial of degree 2 on 0.5 to 2. No eigenvalue of the equation over its diagonal is above 2 (Gershgorin), and of what
-/// a coarser grid can't hold few are below 0.5.
-pub(crate) const DIFFUSION_SWEEP_FIRST: f32 = 0.561_693_6;
-pub(crate) const DIFFUSION_SWEEP_SECOND: f32 = 1.389_525_9;
+// Not used in WGSL, but by other hosts that run it.
+crate::constants! {
+    /// Cycles of a solution.
+    pub(crate) const DIFFUSION_CYCLES: u32 = 3;
+    /// An axis is joined whose cells are less than so many times as long as the shortest.
+    const DIFFUSION_JOINS_BELOW: f32 = 1.5;
+    /// Weights of the sweeps: one over the roots of Chebyshev's polynomial of degree 2 on 0.5 to 2. No eigenvalue of the equation over its diagonal is above 2 (Gershgorin), and of what
+    /// a coarser grid can't hold few are below 0.5.
+    pub(crate) const DIFFUSION_SWEEP_FIRST: f32 = 0.561_693_6;
+    pub(crate) const DIFFUSION_SWEEP_SECOND: f32 = 1.389_525_9;
+    /// Numbers a cell that a GPU keeps at most, all grids together, once of conductances and once of the rest.
+    pub(crate) const DIFFUSION_PLANES: usize = 4;
+}
 /// Cells that a thread takes at least.
 const SHARE_CELLS: usize = 4096;
 
@@ -56,7 +61,7 @@ pub(crate) fn coarser(cells: [usize; 3], cell_size_m: [f32; 3]) -> Option<([usiz
         .filter(|a| cells[*a] > 1)
         .map(|a| cell_size_m[a])
         .fold(f32::INFINITY, f32::min);
-    let joined = [0, 1, 2].map(|a| cells[a] > 1 && cell_size_m[a] < JOINS_BELOW * shortest);
+    let joined = [0, 1, 2].map(|a| cells[a] > 1 && cell_size_m[a] < DIFFUSION_JOINS_BELOW * shortest);
     joined.contains(&true).then(|| {
         (
             [0, 1, 2].map(|a| if joined[a] { cells[a].div_ceil(2) } else { cells[a] }),

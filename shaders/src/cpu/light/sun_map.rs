@@ -35,6 +35,8 @@ crate::constants! {
     const MAP_DETAIL_DISTANCE_M: f32 = 4_000.0;
     /// No number of a ray is kept above this.
     const MAP_DEPTH_MAX: f32 = 1e6;
+    /// Planes that a GPU keeps at least: an exponential map needs three while it is made.
+    pub(crate) const MAP_PLANES_LEAST: usize = 3;
 }
 
 /// Rays along a map's side for what a scene asks for: 16 to 4096, whole packets.
