@@ -96,7 +96,7 @@ pub enum ViewSampling {
     /// One in four, the others from the viewer's last picture. Single pictures have them all.
     #[serde(rename = "reproject_4")]
     Reproject4,
-    /// All of what is near; clouds farther than 8 km from pictures of them that are kept until they no longer fit; on the CPU alone. Single pictures march them too.
+    /// All of what is near; clouds farther than 8 km from pictures of them that are kept until they no longer fit. Single pictures march them too.
     Impostors,
     /// One in four, and those between which they disagree, as at edges.
     HalfResolution,

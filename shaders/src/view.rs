@@ -165,7 +165,7 @@ pub enum ViewSampling {
     Reproject4,
     /// One in 16 of it.
     Reproject16,
-    /// All of what is near; far clouds from pictures that a viewer's live picture keeps (stage `impostors`); on the CPU. All where there is no viewer.
+    /// All of what is near; far clouds from pictures that a viewer's live picture keeps (stage `impostors`). All where there is no viewer.
     Impostors,
 }
 

@@ -6,7 +6,7 @@ use common::{Server, cloudy_server, next_frame, say, scene};
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
-use welkin_proto::scene::{Scene, ViewSampling};
+use welkin_proto::scene::{Pressure, Scene};
 use welkin_proto::wire::{FrameFormat, FrameHeader};
 use welkin_server::host::renderer::{FrameRequest, RenderService};
 use welkin_server::machine::Compute;
@@ -83,7 +83,7 @@ async fn streams_march_what_the_scene_says_and_single_pictures_every_pixel() {
     }
 }
 
-/// What is kept of a viewer's last picture is as much as is said, on either device, and is freed when the viewer leaves. A world of either device may march like that, but for impostors.
+/// What is kept of a viewer's last picture is as much as is said, on either device, and is freed when the viewer leaves. A world of either device may march like that; what a GPU has no kernel for it refuses.
 #[tokio::test]
 async fn last_pictures_are_kept_while_their_viewers_are_there() {
     let mut scene = scene();
@@ -99,11 +99,11 @@ async fn last_pictures_are_kept_while_their_viewers_are_there() {
     for (compute, pixel_bytes) in devices {
         let plan = Plan::new(&typed).unwrap();
         compute.supports(&plan).unwrap();
-        typed.methods.view_sampling = Some(ViewSampling::Impostors);
+        typed.methods.pressure = Some(Pressure::Multigrid { cycles: 4 });
         let refused = compute.supports(&Plan::new(&typed).unwrap()).err();
         let code = refused.map(|error| error.code.to_string());
         assert_eq!(code.as_deref(), (pixel_bytes == 20).then_some("method_needs_cpu"));
-        typed.methods.view_sampling = Some(ViewSampling::Reproject4);
+        typed.methods.pressure = None;
 
         let renderer = RenderService::start(compute, 1.0).unwrap();
         let present = [renderer.viewer(), renderer.viewer()];

@@ -27,8 +27,8 @@ use welkin_shaders::gpu::{Context, GpuError, GpuView};
 use welkin_shaders::{CloudVolume, Grid};
 
 use pictures::{
-    analytic_sky, ground, ground_shadow, haze, layers_of_both, light_shafts, march, march_phase, moon, octaves,
-    reproject, stars, tone_map, upsample, view_steps,
+    analytic_sky, ground, ground_shadow, haze, impostors, layers_of_both, light_shafts, march, march_phase, moon,
+    octaves, reproject, stars, tone_map, upsample, view_steps,
 };
 use tables::{
     detail_noise, diffusion, multiple_scattering_table, occupancy, shape, sky_light, sky_table, sky_visibility_of_both,
@@ -135,6 +135,7 @@ const CASES: &[Case] = &[
     ("march:steps", view_steps),
     ("upsample", upsample),
     ("reproject", reproject),
+    ("impostors", impostors),
     ("layers", layers_of_both),
     ("ground", ground),
     ("ground:shadow", ground_shadow),

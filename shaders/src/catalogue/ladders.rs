@@ -124,10 +124,6 @@ macro_rules! rungs {
 const MULTIGRID_DEVICES: Devices = Devices::CpuOnly(
     "on a GPU the direct solver moves 60 bytes a cell in five dispatches and leaves nothing but rounding; a single cycle would move 120 in dozens, most of them too small to fill it",
 );
-/// Where impostors are there.
-const IMPOSTOR_DEVICES: Devices = Devices::CpuOnly(
-    "which tiles of far clouds fit, and which are marched anew, is decided by lists and turns that have no kernel: it was not written",
-);
 /// Where fitted slabs are there.
 const SLAB_DEVICES: Devices = Devices::CpuOnly(
     "fitting marches both ways along the sun from every point near cloud, seconds of a processor for a sun and a tick, and its pictures miss more than diffusion's: a rung for comparison and still pictures",
@@ -250,7 +246,7 @@ rungs! {
     Reproject4 ViewSampling "reproject_4" Devices::Both, None,
         "one pixel in four is marched, the others are looked up in the viewer's last picture"
         keeps "a picture that rests; what changes lags within bounds, and edges soften while the camera moves";
-    Impostors ViewSampling "impostors" IMPOSTOR_DEVICES, None,
+    Impostors ViewSampling "impostors" Devices::Both, None,
         "what is near is marched, clouds farther than 8 km stand on pictures that are kept while they fit"
         keeps "what is near exactly, what is far to 0.15 degrees; far clouds lag behind the weather by some pictures";
     HalfResolution ViewSampling "half_resolution" Devices::Both, None,

@@ -14,6 +14,7 @@ pub mod profiles;
 pub mod readback;
 pub mod view;
 pub mod view_diffusion;
+pub mod view_impostors;
 pub mod view_kernels;
 pub mod view_layers;
 pub mod view_reproject;
@@ -33,6 +34,7 @@ use crate::cpu::sim::{advect, cloud_extinction, reduce_cloud, saturation_adjustm
 use crate::cpu::{light, view as view_twins};
 use crate::wgsl::Module;
 use view_diffusion::DiffusionGrid;
+use view_impostors::FarClouds;
 use view_layers::Layering;
 use view_reproject::Recall;
 use view_stages::{
@@ -125,5 +127,6 @@ modules! {
     "view/march" constants [view_twins::march::WGSL, light::sun_optical_depth::WGSL, light::march_phase::WGSL, light::octave_shares::WGSL] structs [ViewFrame::LAYOUT, SkyLightValues::LAYOUT, MARCH_PHASE];
     "view/upsample" constants [view_twins::upsample::WGSL] structs [Sampling::LAYOUT];
     "view/reproject" constants [view_twins::reproject::WGSL, light::atmosphere::WGSL] structs [Recall::LAYOUT];
+    "view/impostors" constants [view_twins::impostors::WGSL, view_twins::upsample::WGSL] structs [FarClouds::LAYOUT];
     "view/layers" constants [view_twins::layers::WGSL] structs [Layering::LAYOUT];
 }

@@ -548,9 +548,16 @@ impl GpuView {
         Ok(rgb8)
     }
 
+    /// What tells a cloud with its light from another, and the heights between which it lies, m; none where there is none.
+    pub(super) fn cloud(&self) -> Option<(u64, [f32; 2])> {
+        let (key, cloud) = self.shape.as_ref()?;
+        let grid = &cloud.as_ref().filter(|_| self.sun_light.is_some())?.grid;
+        Some((*key, [grid.bottom_m, grid.top_m]))
+    }
+
     /// Whether there is cloud with its light.
-    pub(super) fn has_cloud(&self) -> bool {
-        matches!(self.shape, Some((_, Some(_)))) && self.sun_light.is_some()
+    fn has_cloud(&self) -> bool {
+        self.cloud().is_some()
     }
 
     /// Runs a kernel that binds what the march does, and uniforms of its own where it has some, on `columns` by `rows` invocations; in bands of rows, of

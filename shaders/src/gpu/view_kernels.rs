@@ -3,6 +3,7 @@
 use std::sync::OnceLock;
 
 use super::view_diffusion::DiffusionGrid;
+use super::view_impostors::FarClouds;
 use super::view_layers::Layering;
 use super::view_reproject::Recall;
 use super::view_stages::{
@@ -84,6 +85,9 @@ kernels! {
     "samples" "view/upsample" "samples" SAMPLED;
     "upsampled" "view/upsample" "upsampled" SAMPLED;
     "reprojected" "view/reproject" "reprojected" REPROJECTED;
+    "far_mark" "view/impostors" "mark" SAMPLED;
+    "far_tiles" "view/impostors" "tiles" SAMPLED;
+    "impostors" "view/impostors" "impostors" SAMPLED;
     "layers" "view/layers" "layers" SAMPLED;
 }
 
@@ -148,6 +152,7 @@ pub const VIEW_STRUCTS: &[Layout] = &[
     MARCH_PHASE,
     Sampling::LAYOUT,
     Recall::LAYOUT,
+    FarClouds::LAYOUT,
     Layering::LAYOUT,
     DiffusionGrid::LAYOUT,
     SunMapping::LAYOUT,

@@ -8,9 +8,11 @@
 use std::sync::{Arc, Weak};
 
 use super::view::{GpuView, band_rows, row_words};
+use super::view_impostors::GpuImpostors;
 use super::view_upsample::Sampling;
 use super::{Context, GpuError};
 use crate::CloudVolume;
+use crate::cpu::view::impostors::Moment;
 use crate::cpu::view::reproject::{Last, first_sample};
 use crate::cpu::view::upsample::SAMPLE_NUMBERS;
 use crate::view::{Look, ViewSettings};
@@ -63,42 +65,58 @@ impl Recall {
 #[derive(Debug, Default)]
 pub struct GpuHistory {
     last: Option<Last>,
-    numbers: Option<Numbers>,
+    numbers: Option<KeptBuffer>,
     pictures: usize,
+    /// Far clouds, of the rung that keeps them.
+    impostors: GpuImpostors,
 }
 
+/// A viewer's buffer, on the device that it was made on: one that was lost takes it with it.
 #[derive(Debug)]
-struct Numbers {
-    /// A device that was lost takes them with it.
+pub(super) struct KeptBuffer {
     context: Weak<Context>,
-    buffer: wgpu::Buffer,
+    pub(super) buffer: wgpu::Buffer,
+}
+
+impl KeptBuffer {
+    /// Of so many bytes. Errors: `TooLarge`, `OutOfMemory`.
+    pub(super) fn new(context: &Arc<Context>, what: &str, bytes: u64) -> Result<KeptBuffer, GpuError> {
+        let buffer = context.storage(what, bytes)?;
+        let context = Arc::downgrade(context);
+        Ok(KeptBuffer { context, buffer })
+    }
+    /// Whether it is that device's.
+    pub(super) fn is_of(&self, context: &Arc<Context>) -> bool {
+        Weak::ptr_eq(&self.context, &Arc::downgrade(context))
+    }
+    pub(super) fn bytes(&self) -> u64 {
+        self.buffer.size()
+    }
 }
 
 impl GpuHistory {
     /// Bytes that it holds on the GPU.
     pub fn bytes(&self) -> u64 {
-        self.numbers.as_ref().map_or(0, |numbers| numbers.buffer.size())
+        self.numbers.as_ref().map_or(0, KeptBuffer::bytes) + self.impostors.bytes()
     }
     /// Forgets the last picture and frees its memory: the next one is marched whole.
     pub fn forget(&mut self) {
         self.last = None;
         self.numbers = None;
+        self.impostors.forget();
     }
 
     /// A buffer of just so many bytes on that device: the last picture's where it is one. Errors: `TooLarge`, `OutOfMemory`.
     fn buffer(&mut self, context: &Arc<Context>, bytes: u64) -> Result<wgpu::Buffer, GpuError> {
-        let fits =
-            |n: &&Numbers| Weak::ptr_eq(&n.context, &Arc::downgrade(context)) && n.buffer.size() == padded(bytes);
+        let fits = |n: &&KeptBuffer| n.is_of(context) && n.bytes() == padded(bytes);
         if let Some(numbers) = self.numbers.as_ref().filter(fits) {
             return Ok(numbers.buffer.clone());
         }
         // The old one is freed first: there may not be room for both.
         self.forget();
-        let buffer = context.storage("a viewer's last picture", bytes)?;
-        self.numbers = Some(Numbers {
-            context: Arc::downgrade(context),
-            buffer: buffer.clone(),
-        });
+        let numbers = KeptBuffer::new(context, "a viewer's last picture", bytes)?;
+        let buffer = numbers.buffer.clone();
+        self.numbers = Some(numbers);
         Ok(buffer)
     }
 }
@@ -118,31 +136,39 @@ impl GpuView {
         history: &mut GpuHistory,
         after: &mut dyn FnMut(&'static str),
     ) -> Result<Vec<u8>, GpuError> {
-        match settings.sampling.cell() {
-            Some(cell) if settings.width * settings.height > 0 => self
-                .draw_live(volume, settings, cell, history, after)
-                .map_err(|error| self.cause(error)),
-            _ => self.render(volume, settings, after),
+        if !settings.sampling.builds_on_last() || settings.width * settings.height == 0 {
+            return self.render(volume, settings, after);
         }
+        self.draw_live(volume, settings, history, after)
+            .map_err(|error| self.cause(error))
     }
 
     fn draw_live(
         &mut self,
         volume: Option<&CloudVolume>,
         settings: &ViewSettings,
-        cell: usize,
         history: &mut GpuHistory,
         after: &mut dyn FnMut(&'static str),
     ) -> Result<Vec<u8>, GpuError> {
         let look = self.prepare(volume, settings, after)?;
-        if !self.has_cloud() {
+        let Some((weather, slab_m)) = self.cloud() else {
             // A sky without cloud leaves nothing to the next.
             history.forget();
             return self.march(&look, settings, after);
-        }
+        };
         let displacement_m = volume.map_or([0.0; 3], |v| v.air_displacement_m);
-        let picture = self.reproject(&look, settings, displacement_m, cell, history)?;
-        after("reproject");
+        let (stage, picture) = match settings.sampling.cell() {
+            Some(cell) => (
+                "reproject",
+                self.reproject(&look, settings, displacement_m, cell, history)?,
+            ),
+            None => {
+                let now = Moment::new(look.position_m, displacement_m, weather);
+                let kept = &mut history.impostors;
+                ("impostors", self.impostors(&look, settings, slab_m, &now, kept)?)
+            }
+        };
+        after(stage);
         Ok(picture)
     }
 

@@ -129,15 +129,16 @@ fn secondary_march(p: vec3<f32>, t: f32) -> f32 {
     return depth;
 }
 
-/// What a ray meets before `limit_m`; a step that reaches beyond is cut there.
-fn march_before(ray: Ray, limit_m: f32) -> Met {
+/// What a ray meets from `from_m` to `limit_m`; a step that reaches beyond is cut there.
+fn march_between(ray: Ray, from_m: f32, limit_m: f32) -> Met {
     var met = Met(vec3<f32>(0.0), 1.0, 0.0);
     let d = ray.d;
     let curve = ray.curve;
     let o = frame.position_m.xyz;
     let reach = slab(o.z, d.z, curve, shape.bottom_m);
     let end = min(min(reach.y, ray.end), DRAW_DISTANCE_M);
-    if (reach.x >= end) {
+    let first = max(reach.x, from_m);
+    if (first >= end) {
         return met;
     }
     // Light that was scattered once has colours, what was scattered further the colours' mean.
@@ -164,7 +165,7 @@ fn march_before(ray: Ray, limit_m: f32) -> Met {
     // Logarithmic segments: where cloud was met first, and by which share of the way from there they grow.
     var met_at = NEVER;
     var growth = 0.0;
-    var place = reach.x + ray.pattern * step_m(reach.x);
+    var place = first + ray.pattern * step_m(first);
     for (var n = 0u; n < MARCH_STEPS_MAX; n++) {
         // A sample stands for a step around it: one whose step begins before the limit counts, from the limit's side.
         let begun = place - ray.pattern * step_m(place);
@@ -257,6 +258,11 @@ fn march_before(ray: Ray, limit_m: f32) -> Met {
     return met;
 }
 
+/// What a ray meets before `limit_m`.
+fn march_before(ray: Ray, limit_m: f32) -> Met {
+    return march_between(ray, 0.0, limit_m);
+}
+
 /// What a ray meets.
 fn march(ray: Ray) -> Met {
     return march_before(ray, NEVER);
@@ -282,7 +288,11 @@ fn ray_of(pixel: vec2<f32>) -> Ray {
     let size = vec2<f32>(f32(frame.width), f32(frame.height));
     let scale = frame.radians_per_pixel;
     let s = (pixel - 0.5 * size) * vec2<f32>(scale, -scale);
-    let d = normalize(s.x * frame.right.xyz + s.y * frame.up.xyz + frame.ahead.xyz);
+    return ray_along(normalize(s.x * frame.right.xyz + s.y * frame.up.xyz + frame.ahead.xyz), pixel);
+}
+
+/// The ray along a unit vector; its steps begin where the pattern of a picture's place has them begin.
+fn ray_along(d: vec3<f32>, pixel: vec2<f32>) -> Ray {
     let height = frame.position_m.z;
     let curve = (1.0 - d.z * d.z) * (0.5 / EARTH_RADIUS_M);
     let under_root = d.z * d.z - curve * (4.0 * height);

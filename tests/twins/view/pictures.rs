@@ -360,21 +360,33 @@ fn streams(
         let gpu = gpu_view
             .render_live(volume, view, &mut gpu_history, &mut |stage| ran.push(stage))
             .unwrap();
-        let (stage, bytes) = match volume {
-            Some(_) => ("reproject", (20 * view.width * view.height).next_multiple_of(16) as u64),
-            None => ("march", 0),
+        let stage = match volume {
+            Some(_) if sampling == ViewSampling::Impostors => "impostors",
+            Some(_) => "reproject",
+            None => "march",
         };
-        assert_eq!((ran.last(), gpu_history.bytes()), (Some(&stage), bytes), "{name}");
+        assert_eq!(ran.last(), Some(&stage), "{name}");
+        let bytes = gpu_history.bytes();
+        match stage {
+            "reproject" => assert_eq!(
+                bytes,
+                (20 * view.width * view.height).next_multiple_of(16) as u64,
+                "{name}"
+            ),
+            "impostors" => assert!(bytes > 0 && bytes <= 128 * 21_780, "{name}: {bytes}"),
+            _ => assert_eq!(bytes, 0, "{name}"),
+        }
         save(&format!("{sampling:?} {name}"), view, &cpu, &gpu);
-        if name.starts_with("at rest") || name.starts_with("a moving camera") {
+        let rests = name.starts_with("at rest");
+        if rests
+            || ["a moving camera", "nearer by 45 m"]
+                .iter()
+                .any(|n| name.starts_with(n))
+        {
             let whole = gpu_view.render(volume, &whole_view, &mut |_| {}).unwrap();
             let softer = changed_values(&gpu, &whole);
             println!("{sampling:?}, {name}: {softer} values are not the whole picture's");
-            assert_eq!(
-                softer > gpu.len() / 100,
-                name.starts_with("a moving"),
-                "{sampling:?}, {name}"
-            );
+            assert_eq!(softer > gpu.len() / 100, !rests, "{sampling:?}, {name}");
         }
         pairs.push(Pair {
             what: format!("{sampling:?}, {name}"),
@@ -383,6 +395,64 @@ fn streams(
         });
     }
     pairs
+}
+
+/// The same of far clouds on kept pictures: rest, little and larger moves, turns, weather that goes on, other fields of view, views where nothing is far.
+pub(super) fn impostors(bench: &mut Bench) -> Vec<Pair> {
+    let field = cumulus_field(7, 12);
+    let view = |change: &dyn Fn(&mut ViewSettings)| {
+        changed(|v| {
+            v.sampling = ViewSampling::Impostors;
+            v.elevation_deg = 12.0;
+            change(v);
+        })
+    };
+    let mut series: Vec<(String, Option<CloudVolume>, ViewSettings)> = Vec::new();
+    let mut add =
+        |name: &str, volume: Option<&CloudVolume>, view| series.push((name.to_owned(), volume.cloned(), view));
+    add("far clouds", Some(&field), view(&|_| ()));
+    add("far clouds again", Some(&field), view(&|_| ()));
+    add(
+        "nearer by 15 m",
+        Some(&field),
+        view(&|v| v.camera_position_m[1] += 15.0),
+    );
+    add(
+        "nearer by 45 m",
+        Some(&field),
+        view(&|v| v.camera_position_m[1] += 45.0),
+    );
+    let turned = |v: &mut ViewSettings| {
+        v.camera_position_m[1] += 45.0;
+        v.azimuth_deg += 10.0;
+    };
+    add("turned", Some(&field), view(&turned));
+    // Weather that goes on by a tenth, three times.
+    let mut later = field.clone();
+    for n in 1..4 {
+        later.extinction_per_m.iter_mut().for_each(|e| *e *= 1.1);
+        add(&format!("later weather, {n}"), Some(&later), view(&turned));
+    }
+    add("wider", Some(&later), view(&|v| v.vertical_fov_deg = 60.0));
+    add("narrower", Some(&later), view(&|v| v.vertical_fov_deg = 25.0));
+    add("nothing far", Some(&later), view(&|v| v.elevation_deg = 85.0));
+    let beside = |v: &mut ViewSettings| {
+        v.camera_position_m = [3200.0, -2000.0, 1000.0];
+        v.elevation_deg = 0.0;
+        // The cube's corner.
+        v.azimuth_deg = 45.0;
+    };
+    add("beside the clouds, to the north-east", Some(&field), view(&beside));
+    let small = |v: &mut ViewSettings| {
+        beside(v);
+        (v.width, v.height) = (83, 45);
+    };
+    add("small, beside the clouds", Some(&field), view(&small));
+    let low = |v: &mut ViewSettings| v.sun_direction = sun(9.0, 40.0);
+    add("far clouds by a low sun", Some(&field), view(&low));
+    add("a sky without them", None, view(&low));
+    add("far clouds by a low sun again", Some(&field), view(&low));
+    streams(bench, ViewSampling::Impostors, &series)
 }
 
 /// Values that differ by more than a level.

@@ -1,7 +1,7 @@
 //! Stage `impostors`: a viewer's far clouds are drawn from pictures of them that are kept until they no longer fit; only what is near is marched every time.
 //!
 //! Reads: [`Frame`], the viewer's [`Impostors`] of the pictures before. Writes: RGB bytes, the impostors. Scheme (seed 002, after Schaufler 1995): what lies beyond
-//! [`FAR_LEAST_M`], or 3.3 times the height between camera and the farther side of the clouds' slab where that is more, is kept in tiles of [`TILE`] x [`TILE`] directions on the four
+//! [`FAR_LEAST_M`], or 3.3 times the height between camera and the farther side of the clouds' slab where that is more, is kept in tiles of [`FAR_TILE`] x [`FAR_TILE`] directions on the four
 //! upright sides of a cube around the camera: radiance, transmittance and mean distance, a direction a pixel of the picture. A ray of the picture is marched up to there, and behind it stands what
 //! the tile has, linear between its directions. A tile in view is marched anew when the camera has moved against the air by more than [`FAR_TRANSLATION_RAD`] as seen from the near
 //! edge of what is far (the translation metric: the angle that parallax can be off by), when the picture's pixels are finer than its directions or more than twice as
@@ -9,6 +9,7 @@
 //! the cost is spread over pictures.
 //! Keeps: what is near, exactly; what is far to the tolerance. Loses: far edges soften by up to a pixel; far clouds lag behind the weather by a few pictures. Tiles out of view are
 //! given up, so memory is bounded by the picture: 20 bytes a pixel of its middle band.
+//! On a GPU ([`crate::gpu::view_impostors`]) the tiles stay in the GPU's memory.
 //! Errors on resting, turning and flying cameras: `welkin ladder view`.
 //! Objects within clouds need no splitting of impostors here: stage `layers` ends rays at them.
 
@@ -29,61 +30,150 @@ pub const FAR_LEAST_M: f32 = 8_000.0;
 const FAR_FLATNESS: f32 = 3.3;
 /// Largest angle of parallax, rad: 0.15 degrees, where seed 002 sees no popping any more.
 pub const FAR_TRANSLATION_RAD: f32 = 0.15 * std::f32::consts::PI / 180.0;
-/// Directions along each side of a tile.
-pub const TILE: usize = 32;
 /// Share of the tiles in view that is renewed for the weather's sake in a picture.
 const RENEWED_SHARE: usize = 4;
-/// Largest slope of a ray against the side of the cube that it goes through: steeper ones leave the slab before what is far, in the cube's corners too (0.48 there is a sine of 0.32).
-const SLOPE_MOST: f32 = 0.48;
-/// Samples along a tile's side; neighbours share theirs.
-const SIDE: usize = TILE + 1;
 
-/// A viewer's far clouds.
-#[derive(Debug, Default)]
-pub struct Impostors {
-    tiles: Vec<Option<Tile>>,
+crate::constants! {
+    /// Directions along each side of a tile.
+    pub const FAR_TILE: usize = 32;
+    /// Samples along a tile's side; neighbours share theirs.
+    pub const FAR_SIDE: usize = 33;
+    /// Largest slope of a ray against the side of the cube that it goes through: steeper ones leave the slab before what is far, in the cube's corners too (0.48 there is a sine of 0.32).
+    pub const FAR_SLOPE_MOST: f32 = 0.48;
+}
+
+/// A viewer's far clouds; `N` holds the numbers of a tile, `[row][column][number]`.
+#[derive(Debug)]
+pub struct Impostors<N = Vec<f32>> {
+    tiles: Vec<Option<Tile<N>>>,
     taken: Option<Taken>,
     picture: u64,
 }
 
 /// How the tiles were laid out, and what they hang on.
 #[derive(Clone, Copy, Debug)]
-struct Taken {
+pub(crate) struct Taken {
     look: Look,
-    far_m: f32,
+    pub(crate) far_m: f32,
     /// Slope between neighbouring directions.
-    step: f32,
-    tiles: [usize; 2],
+    pub(crate) step: f32,
+    pub(crate) tiles: [usize; 2],
 }
 
 #[derive(Debug)]
-struct Tile {
-    /// `[row][column][number]`.
-    numbers: Vec<f32>,
-    /// Camera less the air's way when it was marched, m.
-    place_m: [f32; 3],
-    weather: u64,
+struct Tile<N> {
+    numbers: N,
+    /// When and where it was marched.
+    at: Moment,
     picture: u64,
+}
+
+/// When and where a picture is taken, as far as what is far goes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Moment {
+    /// Camera less the air's way, m.
+    place_m: [f32; 3],
+    /// Tells one cloud from another.
+    weather: u64,
+}
+
+impl Moment {
+    /// From a camera and how far the air has moved, m.
+    pub(crate) fn new(position_m: [f32; 3], displacement_m: [f32; 3], weather: u64) -> Moment {
+        let place_m = [0, 1, 2].map(|a| {
+            let moved = displacement_m[a];
+            position_m[a] - if moved.is_finite() { moved } else { 0.0 }
+        });
+        Moment { place_m, weather }
+    }
+}
+
+impl<N> Default for Impostors<N> {
+    fn default() -> Self {
+        Impostors {
+            tiles: Vec::new(),
+            taken: None,
+            picture: 0,
+        }
+    }
+}
+
+impl<N> Impostors<N> {
+    /// Gives all up.
+    pub fn forget(&mut self) {
+        *self = Impostors::default();
+    }
+    /// How the tiles of a picture lie that would lie as `now`: as before, or anew, all of them empty, where those of before don't serve it.
+    pub(crate) fn laid_out(&mut self, now: Taken) -> Taken {
+        let taken = match self.taken.filter(|taken| taken.serves(&now)) {
+            Some(taken) => Taken {
+                look: now.look,
+                ..taken
+            },
+            None => {
+                self.tiles.clear();
+                self.tiles.resize_with(now.count(), || None);
+                now
+            }
+        };
+        self.taken = Some(taken);
+        self.picture += 1;
+        taken
+    }
+    /// Gives up the tiles that are not in view, and names those that are to be marched.
+    pub(crate) fn to_march(&mut self, taken: &Taken, now: &Moment, in_view: impl Fn(usize) -> bool) -> Vec<usize> {
+        let mut fresh = Vec::new();
+        let mut old = Vec::new();
+        let mut seen = 0usize;
+        for (number, slot) in self.tiles.iter_mut().enumerate() {
+            if !in_view(number) {
+                *slot = None;
+                continue;
+            }
+            seen += 1;
+            match slot {
+                Some(tile) if parallax(tile.at.place_m, now.place_m, taken.far_m) <= FAR_TRANSLATION_RAD => {
+                    if tile.at.weather != now.weather {
+                        old.push((tile.picture, number));
+                    }
+                }
+                _ => fresh.push(number),
+            }
+        }
+        old.sort_unstable();
+        let in_turn = old.iter().take(seen.div_ceil(RENEWED_SHARE));
+        fresh.extend(in_turn.map(|(_, number)| *number));
+        fresh
+    }
+    /// Keeps what was marched.
+    pub(crate) fn put(&mut self, number: usize, now: &Moment, numbers: N) {
+        self.tiles[number] = Some(Tile {
+            numbers,
+            at: *now,
+            picture: self.picture,
+        });
+    }
+    /// What is kept of each tile.
+    pub(crate) fn kept(&self) -> impl Iterator<Item = Option<&N>> {
+        self.tiles.iter().map(|tile| tile.as_ref().map(|t| &t.numbers))
+    }
 }
 
 impl Impostors {
     /// Bytes that they hold.
     pub fn bytes(&self) -> usize {
-        let tiles = self.tiles.iter().flatten();
-        tiles.map(|t| 4 * t.numbers.capacity()).sum::<usize>() + self.tiles.capacity() * size_of::<Option<Tile>>()
-    }
-    /// Gives all up.
-    pub fn forget(&mut self) {
-        *self = Impostors::default();
+        let numbers = self.kept().flatten();
+        numbers.map(|n| 4 * n.capacity()).sum::<usize>() + self.tiles.capacity() * size_of::<Option<Tile<Vec<f32>>>>()
     }
 }
 
 impl Taken {
-    fn new(frame: &Frame<'_>, look: &Look, slab_m: [f32; 2]) -> Taken {
-        let height_m = slab_m.map(|z| (z - frame.position_m[2]).abs());
-        let step = 2.0 * frame.half_height / frame.height as f32;
-        let across = (2.0 / (step * TILE as f32)).ceil().max(1.0) as usize;
-        let up = (2.0 * SLOPE_MOST / (step * TILE as f32)).ceil().max(1.0) as usize;
+    /// Of a picture of so many rows, of clouds between two heights, m.
+    pub(crate) fn new(look: &Look, rows: usize, slab_m: [f32; 2]) -> Taken {
+        let height_m = slab_m.map(|z| (z - look.position_m[2]).abs());
+        let step = 2.0 * look.half_height / rows as f32;
+        let across = (2.0 / (step * FAR_TILE as f32)).ceil().max(1.0) as usize;
+        let up = (2.0 * FAR_SLOPE_MOST / (step * FAR_TILE as f32)).ceil().max(1.0) as usize;
         Taken {
             look: *look,
             far_m: (FAR_FLATNESS * height_m[0].max(height_m[1])).max(FAR_LEAST_M),
@@ -100,7 +190,8 @@ impl Taken {
             && self.far_m <= 1.5 * now.far_m
             && alike(&self.look, &now.look)
     }
-    fn count(&self) -> usize {
+    /// Tiles on all four sides.
+    pub(crate) fn count(&self) -> usize {
         4 * self.tiles[0] * self.tiles[1]
     }
     /// Side, and place on it in directions from its first corner; none where nothing far can be.
@@ -114,23 +205,23 @@ impl Taken {
         };
         let (u, v) = (along / ahead, z / ahead);
         // Also false where the ray goes straight up.
-        let flat = v.abs() < SLOPE_MOST;
-        flat.then(|| (side, (u + 1.0) / self.step, (v + SLOPE_MOST) / self.step))
+        let flat = v.abs() < FAR_SLOPE_MOST;
+        flat.then(|| (side, (u + 1.0) / self.step, (v + FAR_SLOPE_MOST) / self.step))
     }
     /// Number of the tile that holds a place, and the place within it.
     #[inline(always)]
     fn tile(&self, (side, u, v): (usize, f32, f32)) -> (usize, f32, f32) {
-        let (i, j) = ((u / TILE as f32) as usize, (v / TILE as f32) as usize);
+        let (i, j) = ((u / FAR_TILE as f32) as usize, (v / FAR_TILE as f32) as usize);
         let (i, j) = (i.min(self.tiles[0] - 1), j.min(self.tiles[1] - 1));
         let number = (side * self.tiles[1] + j) * self.tiles[0] + i;
-        (number, u - (i * TILE) as f32, v - (j * TILE) as f32)
+        (number, u - (i * FAR_TILE) as f32, v - (j * FAR_TILE) as f32)
     }
     /// Unit vector of a direction of a tile.
     fn direction(&self, number: usize, column: usize, row: usize) -> [f32; 3] {
         let (i, rest) = (number % self.tiles[0], number / self.tiles[0]);
         let (j, side) = (rest % self.tiles[1], rest / self.tiles[1]);
-        let u = (i * TILE + column) as f32 * self.step - 1.0;
-        let v = (j * TILE + row) as f32 * self.step - SLOPE_MOST;
+        let u = (i * FAR_TILE + column) as f32 * self.step - 1.0;
+        let v = (j * FAR_TILE + row) as f32 * self.step - FAR_SLOPE_MOST;
         let length = (1.0 + u * u + v * v).sqrt();
         let [x, y] = match side {
             0 => [1.0, u],
@@ -151,64 +242,20 @@ pub(super) fn draw(
     samples: &mut Samples,
     picture: &mut [u8],
 ) {
-    let now = Taken::new(frame, look, slab_m);
-    let taken = match kept.taken.filter(|taken| taken.serves(&now)) {
-        Some(taken) => Taken { look: *look, ..taken },
-        None => {
-            kept.tiles.clear();
-            kept.tiles.resize_with(now.count(), || None);
-            now
-        }
-    };
-    kept.taken = Some(taken);
-    kept.picture += 1;
+    let taken = kept.laid_out(Taken::new(look, frame.height, slab_m));
     let seen: Vec<AtomicBool> = (0..taken.count()).map(|_| AtomicBool::new(false)).collect();
     (0..frame.height.div_ceil(PACKET_ROWS))
         .into_par_iter()
         .for_each(|n| mark_rows(frame, &taken, n * PACKET_ROWS, &seen));
-    let place_m = [0, 1, 2].map(|a| {
-        let moved = displacement_m[a];
-        frame.position_m[a] - if moved.is_finite() { moved } else { 0.0 }
-    });
-    let mut fresh = Vec::new();
-    let mut old = Vec::new();
-    for (number, seen) in seen.iter().enumerate() {
-        let slot = &mut kept.tiles[number];
-        if !seen.load(Ordering::Relaxed) {
-            *slot = None;
-            continue;
-        }
-        match slot {
-            Some(tile) if parallax(tile.place_m, place_m, taken.far_m) <= FAR_TRANSLATION_RAD => {
-                if tile.weather != weather {
-                    old.push((tile.picture, number));
-                }
-            }
-            _ => fresh.push(number),
-        }
-    }
-    old.sort_unstable();
-    let in_view = seen.iter().filter(|s| s.load(Ordering::Relaxed)).count();
-    fresh.extend(
-        old.iter()
-            .take(in_view.div_ceil(RENEWED_SHARE))
-            .map(|(_, number)| *number),
-    );
-    let marched: Vec<(usize, Tile)> = fresh
+    let now = Moment::new(frame.position_m, displacement_m, weather);
+    let fresh = kept.to_march(&taken, &now, |number| seen[number].load(Ordering::Relaxed));
+    let marched: Vec<(usize, Vec<f32>)> = fresh
         .par_iter()
-        .map(|number| {
-            let tile = Tile {
-                numbers: march_tile(frame, &taken, *number),
-                place_m,
-                weather,
-                picture: kept.picture,
-            };
-            (*number, tile)
-        })
+        .map(|number| (*number, march_tile(frame, &taken, *number)))
         .collect();
-    samples.marched = (frame.width * frame.height + marched.len() * SIDE * SIDE) as u64;
-    for (number, tile) in marched {
-        kept.tiles[number] = Some(tile);
+    samples.marched = (frame.width * frame.height + marched.len() * FAR_SIDE * FAR_SIDE) as u64;
+    for (number, numbers) in marched {
+        kept.put(number, &now, numbers);
     }
     let tiles = &kept.tiles;
     picture
@@ -237,22 +284,22 @@ fn mark_rows(frame: &Frame<'_>, taken: &Taken, first_row: usize, seen: &[AtomicB
 
 /// What the directions of a tile meet beyond what is near.
 fn march_tile(frame: &Frame<'_>, taken: &Taken, number: usize) -> Vec<f32> {
-    let mut numbers = vec![0.0f32; SIDE * SIDE * SAMPLE_NUMBERS];
+    let mut numbers = vec![0.0f32; FAR_SIDE * FAR_SIDE * SAMPLE_NUMBERS];
     let from = Lanes::splat(taken.far_m);
-    for first in (0..SIDE * SIDE).step_by(LANES) {
-        let at = |l: usize| (first + l).min(SIDE * SIDE - 1);
+    for first in (0..FAR_SIDE * FAR_SIDE).step_by(LANES) {
+        let at = |l: usize| (first + l).min(FAR_SIDE * FAR_SIDE - 1);
         let mut d = [Lanes::splat(0.0); 3];
         for l in 0..LANES {
-            let direction = taken.direction(number, at(l) % SIDE, at(l) / SIDE);
+            let direction = taken.direction(number, at(l) % FAR_SIDE, at(l) / FAR_SIDE);
             for c in 0..3 {
                 d[c].0[l] = direction[c];
             }
         }
         // Steps begin as those of the picture's pixels do, at a pattern of the directions.
-        let column = Lanes::from_fn(|l| (at(l) % SIDE) as f32 + 0.5);
-        let row = Lanes::from_fn(|l| (at(l) / SIDE) as f32 + 0.5);
+        let column = Lanes::from_fn(|l| (at(l) % FAR_SIDE) as f32 + 0.5);
+        let row = Lanes::from_fn(|l| (at(l) / FAR_SIDE) as f32 + 0.5);
         let met = met_beyond(frame, &Rays::along(frame, d, column, row), &from).numbers();
-        for l in 0..LANES.min(SIDE * SIDE - first) {
+        for l in 0..LANES.min(FAR_SIDE * FAR_SIDE - first) {
             for (n, number) in met.iter().enumerate() {
                 numbers[(first + l) * SAMPLE_NUMBERS + n] = number.0[l];
             }
@@ -261,7 +308,7 @@ fn march_tile(frame: &Frame<'_>, taken: &Taken, number: usize) -> Vec<f32> {
     numbers
 }
 
-fn draw_rows(frame: &Frame<'_>, taken: &Taken, tiles: &[Option<Tile>], first_row: usize, out: &mut [u8]) {
+fn draw_rows(frame: &Frame<'_>, taken: &Taken, tiles: &[Option<Tile<Vec<f32>>>], first_row: usize, out: &mut [u8]) {
     let limit = Lanes::splat(taken.far_m);
     for first_column in (0..frame.width).step_by(LANES / PACKET_ROWS) {
         let rays = Rays::of_packet(frame, first_column, first_row);
@@ -277,7 +324,7 @@ fn draw_rows(frame: &Frame<'_>, taken: &Taken, tiles: &[Option<Tile>], first_row
     "x86_64+avx2+fma",
     "aarch64+neon"
 ))]
-fn behind_near(taken: &Taken, tiles: &[Option<Tile>], rays: &Rays, near: &Met) -> Met {
+fn behind_near(taken: &Taken, tiles: &[Option<Tile<Vec<f32>>>], rays: &Rays, near: &Met) -> Met {
     let (zero, one) = (Lanes::splat(0.0), Lanes::splat(1.0));
     let mut far = Met::NOTHING.numbers();
     let mut weighted = zero;
@@ -287,13 +334,13 @@ fn behind_near(taken: &Taken, tiles: &[Option<Tile>], rays: &Rays, near: &Met) -
         };
         let (number, u, v) = taken.tile(place);
         let Some(tile) = &tiles[number] else { continue };
-        let (i, j) = ((u as usize).min(TILE - 1), (v as usize).min(TILE - 1));
+        let (i, j) = ((u as usize).min(FAR_TILE - 1), (v as usize).min(FAR_TILE - 1));
         let (fu, fv) = (u - i as f32, v - j as f32);
         let shares = [(1.0 - fu) * (1.0 - fv), fu * (1.0 - fv), (1.0 - fu) * fv, fu * fv];
         let mut numbers = [0.0f32; SAMPLE_NUMBERS];
         let mut hidden = 0.0;
         for (n, share) in shares.iter().enumerate() {
-            let at = ((j + n / 2) * SIDE + i + n % 2) * SAMPLE_NUMBERS;
+            let at = ((j + n / 2) * FAR_SIDE + i + n % 2) * SAMPLE_NUMBERS;
             let here = &tile.numbers[at..at + SAMPLE_NUMBERS];
             for c in 0..4 {
                 numbers[c] += share * here[c];
