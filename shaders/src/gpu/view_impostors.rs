@@ -122,7 +122,7 @@ impl GpuView {
         self.in_bands(mark.get(&context)?, look, settings, size, &picture, &[&uniform])?;
         let seen: Vec<u32> = bytemuck::pod_collect_to_vec(&context.read(&picture, count as u64 * 4)?);
 
-        let fresh = far.tiles.to_march(&taken, now, |number| seen[number] != 0);
+        let fresh = far.tiles.choose(&taken, now, |number| seen[number] != 0);
         let in_view = seen.iter().filter(|s| **s != 0).count();
         let slots = far.reserve(&context, in_view)?;
         let capacity = far.capacity();

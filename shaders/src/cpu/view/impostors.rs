@@ -121,7 +121,7 @@ impl<N> Impostors<N> {
         taken
     }
     /// Gives up the tiles that are not in view, and names those that are to be marched.
-    pub(crate) fn to_march(&mut self, taken: &Taken, now: &Moment, in_view: impl Fn(usize) -> bool) -> Vec<usize> {
+    pub(crate) fn choose(&mut self, taken: &Taken, now: &Moment, in_view: impl Fn(usize) -> bool) -> Vec<usize> {
         let mut fresh = Vec::new();
         let mut old = Vec::new();
         let mut seen = 0usize;
@@ -248,7 +248,7 @@ pub(super) fn draw(
         .into_par_iter()
         .for_each(|n| mark_rows(frame, &taken, n * PACKET_ROWS, &seen));
     let now = Moment::new(frame.position_m, displacement_m, weather);
-    let fresh = kept.to_march(&taken, &now, |number| seen[number].load(Ordering::Relaxed));
+    let fresh = kept.choose(&taken, &now, |number| seen[number].load(Ordering::Relaxed));
     let marched: Vec<(usize, Vec<f32>)> = fresh
         .par_iter()
         .map(|number| (*number, march_tile(frame, &taken, *number)))
