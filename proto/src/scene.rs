@@ -73,7 +73,7 @@ pub struct Methods {
     pub pressure: Option<Pressure>,
     /// How the clear sky by the sun is made; `scattering_tables` unless named.
     pub sky: Option<Sky>,
-    /// How sunlight is followed through cloud beyond its first scattering; `octaves` unless named. Needs the effect `multiple_scattering`.
+    /// How sunlight is followed through cloud beyond its first scattering; `diffusion` unless named, or `octaves` where the effect `multiple_scattering` says how many. Needs that effect.
     pub scattering: Option<Scattering>,
     /// How pictures learn how much cloud lies towards the sun; `light_grid` unless named. Needs the effect `moisture`.
     pub sun_occlusion: Option<SunOcclusion>,
@@ -108,11 +108,11 @@ pub enum ViewSampling {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Scattering {
-    /// Octaves of thinner cloud and rounder phase functions; as many as the effect says.
+    /// Octaves of thinner cloud and rounder phase functions; as many as the effect says. Cheapest; too bright just inside clouds, on the side away from the sun.
     Octaves,
     /// Light of the forward peak goes on, the rest is scattered once. The effect's octaves are not looked at.
     MultipleForward,
-    /// Light diffuses: the nearest to traced paths in thick cloud. The effect's octaves are not looked at.
+    /// Light diffuses through the clouds as they stand: the nearest to traced paths. The effect's octaves are not looked at.
     Diffusion,
     /// Light of orders from 2 on as in a level slab fitted to the cloud around, from tables of photons followed through slabs; on the CPU alone. The effect's octaves are not looked at.
     Slab,
@@ -603,11 +603,11 @@ pub struct CloudDetail {
 }
 
 /// See [`Effects::multiple_scattering`].
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
 pub struct MultipleScattering {
-    /// Octaves of scattering after the first, 1 to 8.
-    pub octaves: u32,
+    /// Octaves of scattering after the first, 1 to 8, of a scene that is lit by them; 6 unless named. A scene that names them and no `methods.scattering` is lit by octaves.
+    pub octaves: Option<u32>,
 }
 
 /// See [`Effects::cloud_shadow`].

@@ -689,9 +689,8 @@ fn effects(effects: &Effects, lid_m: f64, limits: &Limits) -> Result<(), ApiErro
         range("/effects/cloud_detail/strength", detail.strength, 0.0, 1.0)?;
         range("/effects/cloud_detail/scale_m", detail.scale_m, 1.0, 1e5)?;
     }
-    if let Some(scattering) = &effects.multiple_scattering {
-        let octaves = f64::from(scattering.octaves);
-        range("/effects/multiple_scattering/octaves", octaves, 1.0, 8.0)?;
+    if let Some(octaves) = effects.multiple_scattering.as_ref().and_then(|m| m.octaves) {
+        range("/effects/multiple_scattering/octaves", f64::from(octaves), 1.0, 8.0)?;
     }
     if let Some(shafts) = &effects.light_shafts {
         range("/effects/light_shafts/samples", f64::from(shafts.samples), 4.0, 128.0)?;

@@ -1,6 +1,6 @@
 //! Clouds, suns and a camera made by arithmetic alone, so that every machine has the same: for measurements and for tests of pictures.
 
-use welkin_shaders::cpu::view::{Detail, Ground, Lighting, ViewSettings};
+use welkin_shaders::cpu::view::{Detail, Ground, Lighting, Scattering, ViewSettings};
 use welkin_shaders::{CloudVolume, Grid};
 
 /// A small repeatable random number from 0 to 1.
@@ -135,7 +135,11 @@ pub fn settings(width: usize, height: usize) -> ViewSettings {
             scale_m: 220.0,
         }),
         multiple_scattering_octaves: 6,
-        lighting: Lighting::default(),
+        // As scenes are lit unless they say otherwise.
+        lighting: Lighting {
+            scattering: Scattering::Diffusion,
+            ..Lighting::default()
+        },
         steps: Default::default(),
         ground: Ground::Land,
         cloud_shadow: true,

@@ -1,7 +1,7 @@
 //! Which rung of each ladder a scene gets, and why.
 
 use welkin_proto::scene::{
-    Accuracy, Advection, Phase, Pressure, Scattering, Sky, SunOcclusion, ViewSampling, ViewSteps,
+    Accuracy, Advection, MultipleScattering, Phase, Pressure, Scattering, Sky, SunOcclusion, ViewSampling, ViewSteps,
 };
 use welkin_proto::{ApiError, Scene};
 use welkin_shaders::catalogue::{Ladder, Rung};
@@ -176,7 +176,7 @@ pub fn lighting(scene: &Scene) -> Lighting {
     let methods = &scene.methods;
     Lighting {
         phase: methods.phase.as_ref().map(|p| phase_of(p).1).unwrap_or_default(),
-        scattering: methods.scattering.map(|s| scattering_of(s).1).unwrap_or_default(),
+        scattering: scattering(scene).0.1,
         sun_occlusion: methods
             .sun_occlusion
             .as_ref()
@@ -185,21 +185,41 @@ pub fn lighting(scene: &Scene) -> Lighting {
     }
 }
 
+/// Octaves of a scene that is lit by them and does not say how many.
+const OCTAVES_USUAL: u32 = 6;
+
+/// Octaves that pictures ask for; 0 where light is scattered once.
+pub(crate) fn octaves(scene: &Scene) -> u32 {
+    let effect = scene.effects.multiple_scattering.as_ref();
+    effect.map_or(0, |effect| effect.octaves.unwrap_or(OCTAVES_USUAL))
+}
+
+/// How light goes on beyond its first scattering, and why so.
+fn scattering(scene: &Scene) -> ((Rung, view::Scattering), &'static str) {
+    let effect = "effect multiple_scattering";
+    match (scene.methods.scattering, &scene.effects.multiple_scattering) {
+        // No octave is single scattering.
+        (_, None) => (
+            (Rung::SingleScattering, view::Scattering::Octaves),
+            "no effect asks for more",
+        ),
+        (Some(scattering), _) => (scattering_of(scattering), "the scene names it"),
+        (None, Some(MultipleScattering { octaves: Some(_) })) => (scattering_of(Scattering::Octaves), effect),
+        (None, Some(MultipleScattering { octaves: None })) => (scattering_of(Scattering::Diffusion), effect),
+    }
+}
+
 /// The rungs of light.
 fn light_choices(scene: &Scene) -> impl Iterator<Item = Choice> {
     let (named, usual) = ("the scene names it", "what a scene has that names none");
     let methods = &scene.methods;
     let occlusion = methods.sun_occlusion.as_ref().map(|o| (sun_occlusion_of(o).0, named));
-    let scattering = match (methods.scattering, &scene.effects.multiple_scattering) {
-        (_, None) => (Rung::SingleScattering, "no effect asks for more"),
-        (Some(scattering), _) => (scattering_of(scattering).0, named),
-        (None, _) => (Rung::Octaves, "effect multiple_scattering"),
-    };
+    let ((scattering, _), why) = scattering(scene);
     let phase = methods.phase.as_ref().map(|p| (phase_of(p).0, named));
     let steps = methods.view_steps.as_ref().map(|s| (view_steps_of(s).0, named));
     let rungs = [
         occlusion.unwrap_or((Rung::LightGrid, usual)),
-        scattering,
+        (scattering, why),
         phase.unwrap_or((Rung::Droplets, usual)),
         steps.unwrap_or((Rung::ByDistance, usual)),
     ];

@@ -300,7 +300,7 @@ pub fn settings(snapshot: &Snapshot, scene: &Scene, camera: &Camera, [width, hei
             strength: d.strength as f32,
             scale_m: d.scale_m as f32,
         }),
-        multiple_scattering_octaves: effects.multiple_scattering.as_ref().map_or(0, |m| m.octaves),
+        multiple_scattering_octaves: methods::octaves(scene),
         lighting: methods::lighting(scene),
         steps: methods::view_steps(scene),
         ground: match scene.domain.ground {

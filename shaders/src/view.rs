@@ -5,6 +5,7 @@ use glam::{DQuat, DVec3, Vec3};
 use crate::CloudVolume;
 use crate::cpu::light::Atmosphere;
 use crate::cpu::light::analytic_sky::{AnalyticSky, SkyMethod};
+use crate::cpu::light::diffusion_shares::FORWARD_OCTAVES;
 use crate::cpu::light::moon::MoonLook;
 use crate::cpu::light::phase_table::PhaseChoice;
 use crate::cpu::light::sky_table::SkySource;
@@ -70,6 +71,17 @@ pub enum Scattering {
     Diffusion,
     /// Once, and further as in a slab fitted to the cloud (stage `slab_fit`); on the CPU.
     Slab,
+}
+
+impl Scattering {
+    /// Octaves that the march sums where a view asks for so many.
+    pub fn octaves(self, asked: u32) -> usize {
+        match self {
+            Scattering::Octaves => (asked as usize).min(OCTAVES_MAX),
+            Scattering::Diffusion => FORWARD_OCTAVES,
+            Scattering::MultipleForward | Scattering::Slab => 0,
+        }
+    }
 }
 
 /// What a shadow map keeps of a ray; see stage `sun_map`.
@@ -349,10 +361,10 @@ impl Look {
             air: Atmosphere::new(settings.surface_altitude_m, settings.visibility_m),
             ground: settings.ground,
             detail: detail.map(|d| frame_detail(d, air_displacement_m, settings.seed)),
-            octaves: match settings.lighting.scattering {
-                Scattering::Octaves => (settings.multiple_scattering_octaves as usize).min(OCTAVES_MAX),
-                Scattering::MultipleForward | Scattering::Diffusion | Scattering::Slab => 0,
-            },
+            octaves: settings
+                .lighting
+                .scattering
+                .octaves(settings.multiple_scattering_octaves),
             lighting: settings.lighting,
             steps: match settings.steps {
                 ViewSteps::ByDistance => (0.0, 0),

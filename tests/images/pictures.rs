@@ -3,7 +3,7 @@
 use welkin_server::clouds::{ball, cumulus_field, settings, sun, volume};
 use welkin_shaders::Grid;
 use welkin_shaders::cpu::light::phase_table::PhaseChoice;
-use welkin_shaders::cpu::view::{Prepared, ViewSettings, radiance, render};
+use welkin_shaders::cpu::view::{Prepared, Scattering, ViewSettings, radiance, render};
 
 /// Mean red, green and blue of a block of pixels, as linear light 0 to 1.
 fn mean(picture: &[u8], width: usize, columns: std::ops::Range<usize>, rows: std::ops::Range<usize>) -> [f32; 3] {
@@ -93,6 +93,7 @@ fn octaves_brighten_cloud() {
     view.camera_position_m = [3200.0, -800.0, 1500.0];
     view.elevation_deg = 0.0;
     view.exposure_ev = -2.0;
+    view.lighting.scattering = Scattering::Octaves;
     let mut before = 0.0;
     for octaves in [0, 2, 6] {
         view.multiple_scattering_octaves = octaves;
@@ -122,6 +123,7 @@ fn around_the_antisolar_point(phase: PhaseChoice, colour: usize) -> Vec<[f64; 2]
     view.camera_position_m = [800.0, 800.0, 3000.0];
     view.detail = None;
     view.visibility_m = None;
+    view.lighting.scattering = Scattering::Octaves;
     view.multiple_scattering_octaves = 0;
     view.sun_direction = sun(40.0, 180.0);
     view.elevation_deg = -40.0;

@@ -181,13 +181,23 @@ fn a_plan_runs_one_rung_of_each_ladder_and_says_why() {
             ("microphysics", "saturation_adjustment", "effect moisture"),
             ("sky", "scattering_tables", "accuracy balanced"),
             ("sun_occlusion", "light_grid", "what a scene has that names none"),
-            ("scattering", "octaves", "effect multiple_scattering"),
+            ("scattering", "diffusion", "effect multiple_scattering"),
             ("phase", "droplets", "what a scene has that names none"),
             ("view_steps", "by_distance", "what a scene has that names none"),
             ("view_sampling", "half_resolution", "accuracy balanced"),
         ]
     );
     assert_eq!(report.courant_max, Some(1.0));
+    // Who says how many octaves is lit by octaves.
+    let mut scene = cumulus();
+    scene.effects.multiple_scattering.as_mut().expect("the effect").octaves = Some(4);
+    let report = World::new(scene, None).expect("a world").plan_report();
+    assert!(
+        report
+            .ladders
+            .iter()
+            .any(|l| (l.ladder.as_str(), l.rung.as_str()) == ("scattering", "octaves"))
+    );
     // Fast and reference are the same in longer and shorter substeps, within what the method bears.
     let mut scene = cumulus();
     scene.accuracy = Accuracy::Fast;

@@ -208,8 +208,8 @@ rungs! {
         "octaves of thinner cloud and rounder phase functions, as strong as a level slab gives back"
         keeps "energy in level slabs, to some parts in a hundred; too bright just inside clouds that end sideways, too dim on their sides by a low sun";
     Diffusion Scattering "diffusion" Devices::Both, None,
-        "the beam, what goes about its way, and what diffuses"
-        keeps "energy, less a hundredth or two that the solver leaves over";
+        "the beam, what goes about its way, and what diffuses, together as strong as a level slab gives back"
+        keeps "energy in level slabs, to some parts in a hundred; light that leaves one cloud for another is lost";
     Slab Scattering "slab" SLAB_DEVICES, None,
         "orders from 2 on as in a level slab fitted to the cloud by one step, from tables of photons followed through slabs"
         keeps "energy in slabs, to the tables' steps; not in clouds that end sideways";

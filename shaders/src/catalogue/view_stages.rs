@@ -183,7 +183,7 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         needs: &[Effect::Moisture],
         rungs: &[],
         reads: &[],
-        writes: &["phase_of_single_scattering_and_octaves", "octave_shares"],
+        writes: &["phase_of_single_scattering_and_octaves", "level_shares"],
         what: "how droplets turn light, as the march looks it up",
         tolerance: Tolerance {
             within: Within::Absolute(1.0),

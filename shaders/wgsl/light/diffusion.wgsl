@@ -90,17 +90,19 @@ fn conduct(@builtin(global_invocation_id) id: vec3<u32>) {
     if (here > 0.0) {
         let size = vec3<f32>(grid.cell_size_x_m, grid.cell_size_y_m, grid.cell_size_z_m);
         let face = size.yxx * size.zzy;
+        // What the faces across each axis lose: a surface that stands aslant is as large as they make as a vector.
+        var lost = vec3<f32>(0.0);
         if (grid.cells_x > 1u) {
             let east = to_other(here, transport((id.x + 1u) % grid.cells_x, id.y, id.z), size.x, face.x);
             let west = to_other(here, transport((id.x + grid.cells_x - 1u) % grid.cells_x, id.y, id.z), size.x, face.x);
             through.x = east.x;
-            through.w += east.y + west.y;
+            lost.x = west.y + east.y;
         }
         if (grid.cells_y > 1u) {
             let north = to_other(here, transport(id.x, (id.y + 1u) % grid.cells_y, id.z), size.y, face.y);
             let south = to_other(here, transport(id.x, (id.y + grid.cells_y - 1u) % grid.cells_y, id.z), size.y, face.y);
             through.y = north.x;
-            through.w += north.y + south.y;
+            lost.y = north.y + south.y;
         }
         // Light leaves under the ground and above the lid too.
         var below = to_other(here, 0.0, size.z, face.z);
@@ -112,7 +114,8 @@ fn conduct(@builtin(global_invocation_id) id: vec3<u32>) {
             above = to_other(here, transport(id.x, id.y, id.z + 1u), size.z, face.z);
         }
         through.z = above.x;
-        through.w += below.y + above.y;
+        lost.z = below.y + above.y;
+        through.w = sqrt(lost.x * lost.x + lost.y * lost.y + lost.z * lost.z);
     }
     conductance[cell(id.x, id.y, id.z)] = through;
 }
@@ -268,7 +271,7 @@ fn surface(@builtin(global_invocation_id) id: vec3<u32>) {
                 let middle = vec3<u32>(c % 3u, c / 3u % 3u, c / 9u) == vec3<u32>(1u);
                 let near = select(vec3<f32>(1.0), vec3<f32>(SURFACE_MIDDLE), middle);
                 let weight = near.x * near.y * near.z;
-                sum += weight * max(numbers[place_of(FLUENCE, n)], 0.0) * max((2.0 - half) / (2.0 + half), 0.0);
+                sum += weight * max(numbers[place_of(FLUENCE, n)], 0.0) * max((DIFFUSION_SURFACE_RESISTANCE - half) / (DIFFUSION_SURFACE_RESISTANCE + half), 0.0);
                 weights += weight;
             }
         }

@@ -24,7 +24,7 @@ fn diffuse_towards(p: vec3<f32>, d: vec3<f32>) -> f32 {
     let here = fluence(p);
     let ahead = fluence(p + d * ahead_m);
     let asymmetry = 1.0 - frame.similarity;
-    let s = shape_sample(p);
+    let s = shape_sample(p + d * (0.5 * ahead_m));
     let kept = select(s.x, smooth_ramp((s.x - CARVE_EDGE) / CARVE_MEAN_RAMP), frame.detail_blend != 0.0);
     let flux = (ahead - here) * asymmetry / max(s.y * kept * (frame.similarity * ahead_m), 1e-6);
     return here + min(max(flux, here * (-FLUX_INWARD * asymmetry)), here * (FLUX_OUTWARD * asymmetry));

@@ -80,11 +80,11 @@ fn phase_once(mu: f32) -> vec3<f32> {
     return mix(phase.quads[i].rgb, phase.quads[i + 1u].rgb, place - f32(n));
 }
 
-/// The same of an octave, 1 to `OCTAVES_MAX`, with its weight.
+/// The same of an octave, 0 to `OCTAVES_MAX`, with its weight.
 fn phase_of_octave(octave: u32, mu: f32) -> f32 {
     let place = clamp(1.0 - mu, 0.0, 2.0) * (0.5 * f32(PHASE_OCTAVE_NODES - 1u));
     let n = min(u32(place), PHASE_OCTAVE_NODES - 2u);
-    let i = (octave - 1u) * PHASE_OCTAVE_NODES + n;
+    let i = octave * PHASE_OCTAVE_NODES + n;
     let first = 2u * PHASE_FIRST_HALF;
     let j = i + 1u;
     return mix(phase.quads[first + i / 4u][i % 4u], phase.quads[first + j / 4u][j % 4u], place - f32(n));
@@ -96,9 +96,9 @@ fn diffuse_share(passage: f32, other: f32) -> f32 {
     return passage * (1.0 / max(other, 1e-3) - 0.5);
 }
 
-/// Factor on the sum of octaves at a place `depth` behind the cloud's surface towards the sun, where the share `sky` of diffuse light comes from above and the share `passed` passes the cloud; see the
+/// Factor on light behind the first scattering at a place `depth` behind the cloud's surface towards the sun, where the share `sky` of diffuse light comes from above and the share `passed` passes the cloud; see the
 /// twin's `octave_shares`.
-fn octave_share(depth: f32, sky: f32, passed: f32) -> f32 {
+fn level_share(depth: f32, sky: f32, passed: f32) -> f32 {
     let last = f32(OCTAVE_SHARE_NODES - 1u);
     let sun = frame.marched_beam.z;
     let above = (1.0 / max(sky, 1e-3) - 1.0) / LEVEL_RESISTANCE;
@@ -144,11 +144,9 @@ fn march_between(ray: Ray, from_m: f32, limit_m: f32) -> Met {
     // Light that was scattered once has colours, what was scattered further the colours' mean.
     let once = phase_once(ray.turn);
     var phases: array<f32, OCTAVES_MAX + 1u>;
-    for (var octave = 1u; octave <= frame.octaves; octave++) {
+    for (var octave = 0u; octave <= frame.octaves; octave++) {
         phases[octave] = phase_of_octave(octave, ray.turn);
     }
-    // Of a scene whose light diffuses: what goes about the beam's way.
-    let turned = henyey_greenstein(1.0 - frame.similarity, ray.turn);
     let slowest = -LOG2_E * frame.depth_scale / f32(1u << frame.octaves);
     let sun = frame.marched_beam.xyz;
     let covered = FINE_FIRST_LENGTH_M + FINE_SECOND_LENGTH_M;
@@ -226,12 +224,11 @@ fn march_between(ray: Ray, from_m: f32, limit_m: f32) -> Met {
                 scattered += phases[octave] * passed;
                 passed *= passed;
             }
-            if (frame.octaves > 0u) {
-                scattered *= octave_share(depth, sky_seen, passage);
-            }
             if (frame.similarity > 0.0) {
-                let onward = exp2(depth * (-LOG2_E * frame.similarity));
-                scattered = turned * (onward - passed) + diffuse_towards(p, d) * (0.25 / PI);
+                scattered = max(scattered + phases[0] * passed, 0.0) + diffuse_towards(p, d) * (0.25 / PI);
+            }
+            if (frame.octaves > 0u) {
+                scattered *= level_share(depth, sky_seen, passage);
             }
             let kept = exp2(thick * min(step, limit_m - begun) * -LOG2_E);
             let share = through * (1.0 - kept);

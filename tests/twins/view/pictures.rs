@@ -503,6 +503,7 @@ fn second_band(bench: &mut Bench) -> Pair {
 pub(super) fn octaves(bench: &mut Bench) -> Vec<Pair> {
     let views = [0, 1, 8].map(|octaves| {
         changed(|v| {
+            v.lighting.scattering = Scattering::Octaves;
             v.multiple_scattering_octaves = octaves;
             v.visibility_m = None;
         })

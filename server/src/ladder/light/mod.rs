@@ -361,6 +361,7 @@ mod tests {
             assert!(row.march.iter().all(|r| r.reflected > 0.0), "{row:?}");
             // Octaves bring what is left, but for few octaves in thick slabs: their factor is bounded. They turn back somewhat more than they should, for
             // their phase functions round faster than light's.
+            assert!(of("diffusion").in_all > 0.93, "{row:?}");
             for name in ["octaves 6", "octaves 8"] {
                 assert!(of(name).in_all > 0.9, "{name}: {row:?}");
                 assert!(
@@ -368,15 +369,15 @@ mod tests {
                     "{name}: {row:?}"
                 );
             }
-            // None of these makes light; the rule of six directions and the march's steps are good to a hundredth or two, and diffusion is on cells of
-            // up to 1.3 optical depths.
+            // None of these makes light; the rule of six directions and the march's steps are good to a hundredth or two.
             for (name, most) in [
                 ("single", 1.02),
                 ("multiple_forward", 1.02),
                 ("octaves 2", 1.03),
                 ("octaves 6", 1.03),
                 ("octaves 8", 1.03),
-                ("diffusion", 1.08),
+                // On cells of up to 1.3 optical depths, which isotropic scattering does not make less: the sun's light falls by half within the first.
+                ("diffusion", if row.asymmetry > 0.0 { 1.03 } else { 1.09 }),
                 ("slab", 1.05),
             ] {
                 assert!(of(name).in_all < most, "{name}: {row:?}");

@@ -118,7 +118,7 @@ impl Night {
     fn frame<'a>(
         &'a self,
         cloud: (&'a Shape, &'a SunLight),
-        (phase, octaves, diffuse, slab): (&'a MarchPhase, u32, Option<&'a Diffuse>, Option<&'a SlabFit>),
+        (phase, octaves, diffuse, slab): (&'a MarchPhase, usize, Option<&'a Diffuse>, Option<&'a SlabFit>),
         sun: [f32; 3],
         [cosine, azimuth]: [f64; 2],
         from_above: bool,
@@ -161,7 +161,7 @@ impl Night {
             shadow: false,
             noise: &self.noise,
             detail: None,
-            octaves: octaves as usize,
+            octaves,
             phase,
             occlusion: Occlusion::Grid,
             diffuse,
@@ -189,7 +189,8 @@ pub(super) fn all(ways: &[(Scattering, u32)]) -> Vec<SlabRow> {
             let sun_light = SunLight::new(&shape, &seen, false, false, sun);
             let straight = (-depth / sun_cosine).exp();
             let shares = ways.iter().map(|way| {
-                let phase = MarchPhase::new(one_lobe(*asymmetry), way.0, way.1 as usize);
+                let octaves = way.0.octaves(way.1);
+                let phase = MarchPhase::new(one_lobe(*asymmetry), way.0, octaves);
                 let diffuse =
                     (way.0 == Scattering::Diffusion).then(|| Diffuse::new(&shape, &sun_light, false, phase.asymmetry));
                 let slab = (way.0 == Scattering::Slab)
@@ -200,7 +201,7 @@ pub(super) fn all(ways: &[(Scattering, u32)]) -> Vec<SlabRow> {
                     for [cosine, weight] in RULE {
                         for n in 0..AROUND {
                             let azimuth = std::f64::consts::PI * (n as f64 + 0.5) / AROUND as f64;
-                            let light = (&phase, way.1, diffuse.as_ref(), slab.as_ref());
+                            let light = (&phase, octaves, diffuse.as_ref(), slab.as_ref());
                             let frame = night.frame((&shape, &sun_light), light, sun, [cosine, azimuth], from_above);
                             let mut pixels = [[0.0f32; 3]; 16];
                             radiance_rows(&frame, 0, &mut pixels);

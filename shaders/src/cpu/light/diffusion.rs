@@ -2,18 +2,19 @@
 //!
 //! Reads: [`Shape`] (mean extinction at the slab's cells), [`SunLight`] (optical depth towards the sun), the phase function's asymmetry g. Writes: [`Diffuse`]: the fluence
 //! of diffuse light over the irradiance of the sun's beam, in the slab's cells. Scheme: light in cloud is split in three: the beam, which goes as exp(-t); what was scattered but
-//! still goes about the beam's way, exp(-(1 - g) t) - exp(-t), by the similarity of thick media (it is turned further by Henyey and Greenstein's function of the same
-//! mean, for the peak of droplets is washed out by then); and the rest, whose fluence f obeys the
+//! still goes about the beam's way ([`super::diffusion_shares::forward_octaves`]); and the rest, whose fluence f obeys the
 //! diffusion equation (Stam 1995; Ishimaru 1978), div(D grad f) = -s exp(-(1 - g) t), D = 1 / (3 s), s = (1 - g) extinction. Finite volumes on the cells, harmonic
-//! means of D at faces; at the cloud's surface nothing comes in (Marshak: the flux that leaves is half of the surface's fluence). Solved by multigrid, see [`super::diffusion_grids`];
+//! means of D at faces; at the cloud's surface nothing comes in (the fluence falls to nothing 0.7104 free paths behind it, Milne: the flux that leaves is the surface's fluence over 2.13). A surface
+//! that stands aslant is a staircase of cells' faces: it loses as much as the faces across each axis make as a vector, since their areas' sum is up to 1.7 times the surface's. Solved by multigrid, see [`super::diffusion_grids`];
 //! between cells' centres the fluence is trilinear.
 //!
 //! Keeps: energy, to the solver's bound (a hundredth, lost). What a cell's source puts in leaves through the surface; the source is the midpoint's, which is less than what the beam
 //! loses in the cell. No absorption. Light that leaves one cloud for another is lost, and so is what comes back from the ground. Order 2 inside; at
-//! surfaces, and where a cell is thin, diffusion is an approximation however fine the grid.
+//! surfaces, and where a cell is thin, diffusion is an approximation however fine the grid; the march scales it and what goes about the beam's way by
+//! [`super::diffusion_shares::diffusion_shares`], so that level slabs give back all that came in.
 //!
-//! The march adds what diffuse light brings towards the camera: f / 4 pi, and of the flux F = -D grad f the part along the ray, 3 g F / 4 pi. The flux outwards is bounded by half the
-//! fluence, its value at a surface; inwards by less, for what comes from one side only is scattered back too, and light is never negative.
+//! The march adds what diffuse light brings towards the camera: f / 4 pi, and of the flux F = -D grad f the part along the ray, 3 g F / 4 pi, by the fluence a cell's height ahead and the
+//! extinction half-way. The flux outwards is bounded by half the fluence, about its value at a surface; inwards by less, for what comes from one side only is scattered back too, and light is never negative.
 //!
 //! Floor of the cost: 196,608 cells, of those in or beside cloud a sample of shape and light (16 words), once through the numbers for what cells conduct, and the solver's
 //! ([`super::diffusion_grids`]): 6 ms on two cores; measured 10 to 25 ms beside other work.
@@ -28,12 +29,12 @@ use crate::cpu::view::shape::{Shape, trilinear};
 
 crate::constants! {
     /// Half a cell's resistance is no less: where light meets nothing, diffusion would make it infinitely fast.
-    const DIFFUSION_RESISTANCE_LEAST: f32 = 0.02;
-    /// What the surface resists: half of its fluence leaves.
-    const DIFFUSION_SURFACE_RESISTANCE: f32 = 2.0;
+    const DIFFUSION_RESISTANCE_LEAST: f32 = 0.005;
+    /// What the surface resists, three times Milne's 0.7104: its fluence over this leaves.
+    pub(super) const DIFFUSION_SURFACE_RESISTANCE: f32 = 2.1313;
     /// Bounds of 3 F over the fluence: out of the cloud, and into it.
-    const FLUX_OUTWARD: f32 = 1.5;
-    const FLUX_INWARD: f32 = 0.8;
+    pub(super) const FLUX_OUTWARD: f32 = 1.5;
+    pub(super) const FLUX_INWARD: f32 = 0.8;
     /// Weight of the cells at a place along an axis where those before and after have 1, for the fluence beside cloud.
     const SURFACE_MIDDLE: f32 = 4.0;
 }
@@ -134,9 +135,12 @@ impl Diffuse {
 
     /// What diffuse light brings towards a camera that looks along `d`, times 4 pi, at sixteen places in m where the extinction is `mean` in 1/m on average.
     #[inline(always)]
-    pub(crate) fn towards(&self, shape: &Shape, p: &[Lanes; 3], d: &[Lanes; 3], mean: Lanes) -> Lanes {
+    pub(crate) fn towards(&self, shape: &Shape, p: &[Lanes; 3], d: &[Lanes; 3], carved: bool) -> Lanes {
         let ahead_m = shape.cell_size_m()[2];
-        let q = [p[0] + d[0] * ahead_m, p[1] + d[1] * ahead_m, p[2] + d[2] * ahead_m];
+        let at = |m: f32| [p[0] + d[0] * m, p[1] + d[1] * m, p[2] + d[2] * m];
+        let (between, q) = (at(0.5 * ahead_m), at(ahead_m));
+        let (cover, amplitude) = shape.sample(between[0], between[1], between[2]);
+        let mean = shape.mean_extinction(cover, amplitude, carved);
         let here = self.look(shape, p[0], p[1], p[2]);
         let ahead = self.look(shape, q[0], q[1], q[2]);
         let asymmetry = 1.0 - self.similarity;
@@ -240,48 +244,45 @@ fn conduct_row(
         let through = face[axis] / (half_resistance(a, size_m[axis]) + DIFFUSION_SURFACE_RESISTANCE);
         if a > 0.0 && b <= 0.0 { through } else { 0.0 }
     };
-    outside.fill(0.0);
     to_north.fill(0.0);
     up.fill(0.0);
     east.fill(0.0);
+    // What each axis's faces lose; a surface that stands aslant is as large as its faces' areas make as a vector, not their sum.
+    let lost_by = |i: usize| {
+        let (west, east) = (here[(i + n - 1) % n], here[(i + 1) % n]);
+        let x = if goes[0] {
+            lost(here[i], west, 0) + lost(here[i], east, 0)
+        } else {
+            0.0
+        };
+        let y = if goes[1] {
+            lost(here[i], north[i], 1) + lost(here[i], south[i], 1)
+        } else {
+            0.0
+        };
+        // Light leaves under the ground and above the lid too.
+        let z = levels
+            .iter()
+            .map(|level| lost(here[i], level.map_or(0.0, |level| level[i]), 2))
+            .sum::<f32>();
+        (x * x + y * y + z * z).sqrt()
+    };
+    for i in 0..n {
+        outside[i] = lost_by(i);
+    }
     if goes[0] {
-        for i in 0..n - 1 {
-            east[i] = both(here[i], here[i + 1], 0);
-            outside[i] += lost(here[i], here[i + 1], 0);
-        }
-        east[n - 1] = both(here[n - 1], here[0], 0);
-        outside[n - 1] += lost(here[n - 1], here[0], 0);
-        outside[0] += lost(here[0], here[n - 1], 0);
-        for i in 1..n {
-            outside[i] += lost(here[i], here[i - 1], 0);
+        for i in 0..n {
+            east[i] = both(here[i], here[(i + 1) % n], 0);
         }
     }
     if goes[1] {
-        let (south, north) = (&south[..n], &north[..n]);
         for i in 0..n {
             to_north[i] = both(here[i], north[i], 1);
-            outside[i] += lost(here[i], north[i], 1) + lost(here[i], south[i], 1);
         }
     }
-    // Light leaves under the ground and above the lid too.
-    for (above, level) in [false, true].into_iter().zip(levels) {
-        match level {
-            Some(level) => {
-                let level = &level[..n];
-                for i in 0..n {
-                    outside[i] += lost(here[i], level[i], 2);
-                }
-                if above {
-                    for i in 0..n {
-                        up[i] = both(here[i], level[i], 2);
-                    }
-                }
-            }
-            None => {
-                for i in 0..n {
-                    outside[i] += lost(here[i], 0.0, 2);
-                }
-            }
+    if let Some(level) = levels[1] {
+        for i in 0..n {
+            up[i] = both(here[i], level[i], 2);
         }
     }
 }
@@ -311,7 +312,10 @@ fn surface_row(rows: &[Option<(&[f32], &[f32])>; 9], size_m: [f32; 3], to: &mut 
                 if transport[at] > 0.0 {
                     // At the surface it is 2 / (2 + half) of the cell's; as far again behind it, straight on.
                     let half = half_resistance(transport[at], mean_m);
-                    sum += weight * around[a] * fluence[at] * ((2.0 - half) / (2.0 + half)).max(0.0);
+                    sum += weight
+                        * around[a]
+                        * fluence[at]
+                        * ((DIFFUSION_SURFACE_RESISTANCE - half) / (DIFFUSION_SURFACE_RESISTANCE + half)).max(0.0);
                     weights += weight * around[a];
                 }
             }

@@ -8,6 +8,7 @@
 //!
 //! `multiple_forward` takes the function without its chopped peak, unscaled: light within the peak goes on (seed 002, seed 004), so that what is left integrates to less than 1.
 
+use super::diffusion_shares::{diffusion_shares, forward_octaves};
 use super::octave_shares::{OCTAVE_SHARE_NODES, octave_shares};
 use super::phase_table::{PHASE_HALF_NODES, PHASE_NODES, PhaseChoice, PhaseTable, chopped, node_cosine, ordered};
 use crate::cpu::view::march::{OCTAVE_CONTRIBUTION, OCTAVE_ECCENTRICITY, OCTAVES_MAX};
@@ -19,7 +20,7 @@ crate::constants! {
     /// Nodes of each half of the first function.
     pub const PHASE_FIRST_HALF: usize = PHASE_HALF_NODES;
     /// The quad that the octaves' shares begin at.
-    pub const PHASE_SHARES_FIRST: usize = PHASE_NODES + OCTAVES_MAX * PHASE_OCTAVE_NODES / 4;
+    pub const PHASE_SHARES_FIRST: usize = PHASE_NODES + (OCTAVES_MAX + 1) * PHASE_OCTAVE_NODES / 4;
     /// Numbers, four at a time: nodes of the first function as red, green, blue and nothing; then four nodes of an octave in each; then the octaves' shares.
     pub const PHASE_QUADS: usize = PHASE_SHARES_FIRST + OCTAVE_SHARE_NODES * OCTAVE_SHARE_NODES / 4 + 1;
 }
@@ -66,25 +67,33 @@ impl MarchPhase {
         let mut quads: Vec<[f32; 4]> = (0..PHASE_NODES)
             .map(|n| [first[0][n] as f32, first[1][n] as f32, first[2][n] as f32, 0.0])
             .collect();
-        let (mut weight, mut eccentricity) = (1.0f32, 1.0f32);
-        let mut rounder = Vec::with_capacity(OCTAVES_MAX);
-        for _ in 0..OCTAVES_MAX {
-            weight *= OCTAVE_CONTRIBUTION;
-            eccentricity *= OCTAVE_ECCENTRICITY;
+        let octaves = octaves.min(OCTAVES_MAX);
+        // The octave that falls as the beam does, and those behind it.
+        let mut rounder = vec![[0.0; MOMENTS]; OCTAVES_MAX + 1];
+        if scattering == Scattering::Diffusion {
+            let forward = forward_octaves(moments[1] as f32);
+            rounder[..forward.len()].copy_from_slice(&forward);
+        } else {
+            for (octave, rounded) in rounder.iter_mut().enumerate().skip(1) {
+                let weight = f64::from(OCTAVE_CONTRIBUTION).powi(octave as i32);
+                let eccentricity = f64::from(OCTAVE_ECCENTRICITY).powi(octave as i32);
+                for (l, (to, moment)) in rounded.iter_mut().zip(moments).enumerate() {
+                    *to = weight * eccentricity.powi(l as i32) * moment;
+                }
+            }
+        }
+        for rounded in &rounder {
             let values: Vec<f32> = (0..PHASE_OCTAVE_NODES)
-                .map(|n| 1.0 - 2.0 * n as f32 / (PHASE_OCTAVE_NODES - 1) as f32)
-                .map(|mu| rounded(&moments, f64::from(eccentricity), f64::from(mu)) as f32 * weight)
+                .map(|n| 1.0 - 2.0 * n as f64 / (PHASE_OCTAVE_NODES - 1) as f64)
+                .map(|mu| of_moments(rounded, mu) as f32)
                 .collect();
             quads.extend(values.chunks_exact(4).map(|v| [v[0], v[1], v[2], v[3]]));
-            let factors = (0..MOMENTS as i32).map(|l| f64::from(weight) * f64::from(eccentricity).powi(l));
-            let mut weighed = moments;
-            weighed
-                .iter_mut()
-                .zip(factors)
-                .for_each(|(moment, factor)| *moment *= factor);
-            rounder.push(weighed);
         }
-        let mut shares = octave_shares(&moments, &rounder[..octaves.min(OCTAVES_MAX)]);
+        let mut shares = match scattering {
+            Scattering::Diffusion => diffusion_shares(&moments, moments[1] as f32),
+            Scattering::Octaves => octave_shares(&moments, &rounder[1..=octaves]),
+            _ => Vec::new(),
+        };
         shares.resize(4 * (PHASE_QUADS - PHASE_SHARES_FIRST), 0.0);
         quads.extend(shares.chunks_exact(4).map(|v| [v[0], v[1], v[2], v[3]]));
         MarchPhase {
@@ -118,21 +127,21 @@ impl MarchPhase {
         ]
     }
 
-    /// The same of an octave, 1 to [`OCTAVES_MAX`], with its weight.
+    /// The same of an octave, 0 to [`OCTAVES_MAX`], with its weight.
     #[inline(always)]
     pub(crate) fn octave(&self, octave: usize, mu: f32) -> f32 {
         let place = (1.0 - mu).clamp(0.0, 2.0) * (0.5 * (PHASE_OCTAVE_NODES - 1) as f32);
         let n = (place as usize).min(PHASE_OCTAVE_NODES - 2);
         let share = place - n as f32;
         let at = |n: usize| {
-            let n = (octave - 1) * PHASE_OCTAVE_NODES + n;
+            let n = octave * PHASE_OCTAVE_NODES + n;
             self.quads[PHASE_NODES + n / 4][n % 4]
         };
         at(n) + (at(n + 1) - at(n)) * share
     }
 
-    /// Factors on the sum of octaves, laid out as [`super::octave_shares`] says.
-    pub(crate) fn octave_shares(&self) -> &[f32] {
+    /// Factors on light behind the first scattering, laid out as [`super::octave_shares`] says.
+    pub(crate) fn level_shares(&self) -> &[f32] {
         self.quads[PHASE_SHARES_FIRST..].as_flattened()
     }
 }
@@ -154,15 +163,13 @@ fn moments(values: &[f64]) -> [f64; MOMENTS] {
     moments
 }
 
-/// A function of these moments rounded by `eccentricity`, 1/sr.
-fn rounded(moments: &[f64; MOMENTS], eccentricity: f64, mu: f64) -> f64 {
-    let mut factor = 1.0 / (4.0 * std::f64::consts::PI);
-    let mut sum = 0.0;
-    for (l, (moment, legendre)) in moments.iter().zip(legendre(mu)).enumerate() {
-        sum += (2 * l + 1) as f64 * factor * moment * legendre;
-        factor *= eccentricity;
-    }
-    sum.max(0.0)
+/// A function of these moments, 1/sr.
+fn of_moments(moments: &[f64; MOMENTS], mu: f64) -> f64 {
+    let terms = moments.iter().zip(legendre(mu)).enumerate();
+    terms
+        .map(|(l, (moment, legendre))| (2 * l + 1) as f64 * moment * legendre)
+        .sum::<f64>()
+        / (4.0 * std::f64::consts::PI)
 }
 
 /// Legendre's polynomials at `mu`.

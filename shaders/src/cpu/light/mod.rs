@@ -7,6 +7,7 @@ pub mod analytic_sky;
 pub mod atmosphere;
 pub mod diffusion;
 pub(crate) mod diffusion_grids;
+pub mod diffusion_shares;
 pub mod hosek_wilkie;
 pub mod ice;
 pub mod march_phase;

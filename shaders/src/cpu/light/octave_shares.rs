@@ -36,8 +36,15 @@ crate::constants! {
 }
 /// Slabs that let less pass are taken as this one.
 const PASSAGE_LEAST: f64 = 0.004;
+/// Slabs that let more pass are taken as this one.
+const PASSAGE_MOST: f64 = 0.999;
+/// A lower sun is taken as one of this cosine.
+const SUN_LEAST: f64 = 0.02;
 /// Parts of the range of cosines that light leaves by, each of three nodes.
 const PARTS: usize = 6;
+
+/// Means over the azimuth of a phase function, 1/sr, for light of one sun that is turned upwards and downwards to each of [`cosines`].
+pub(super) type Turned = [[f64; 2]; 3 * PARTS];
 
 /// The optical depth of a slab that lets the share `passage` of diffuse light pass, by the stage `sky_visibility`'s one vertical and four slanted ways.
 fn slab_depth(passage: f64) -> f64 {
@@ -52,7 +59,7 @@ fn slab_depth(passage: f64) -> f64 {
 
 /// Share of a flux through a slab's faces, of light that is turned by these moments, where the beam falls as e^(-`slope` s) with the vertical depth s down to the depth `followed`, and is
 /// the same from there on.
-fn leaves(depth: f64, slope: f64, followed: f64, turned: &[[f64; 2]; 3 * PARTS]) -> f64 {
+pub(super) fn leaves(depth: f64, slope: f64, followed: f64, turned: &Turned) -> f64 {
     let (bend, rest) = (depth.min(followed), (depth - followed).max(0.0));
     let still = (-slope * bend).exp();
     let mut flux = 0.0;
@@ -72,13 +79,13 @@ fn leaves(depth: f64, slope: f64, followed: f64, turned: &[[f64; 2]; 3 * PARTS])
 }
 
 /// Cosines that light leaves by, with weights.
-fn cosines() -> impl Iterator<Item = [f64; 2]> {
+pub(super) fn cosines() -> impl Iterator<Item = [f64; 2]> {
     (0..PARTS)
         .flat_map(|part| GAUSS.map(|[place, weight]| [(part as f64 + place) / PARTS as f64, weight / PARTS as f64]))
 }
 
 /// Means over the azimuth of a function of these moments, 1/sr, for light that a sun of cosine `sun` turns upwards and downwards.
-fn turned(moments: &[f64; MOMENTS], sun: f64) -> [[f64; 2]; 3 * PARTS] {
+pub(super) fn turned(moments: &[f64; MOMENTS], sun: f64) -> Turned {
     let of_sun = legendre(sun);
     let mut values = [[0.0; 2]; 3 * PARTS];
     for (value, [cosine, _]) in values.iter_mut().zip(cosines()) {
@@ -93,26 +100,35 @@ fn turned(moments: &[f64; MOMENTS], sun: f64) -> [[f64; 2]; 3 * PARTS] {
 
 /// The factors; see the module. `octaves` with their weights.
 pub fn octave_shares(first: &[f64; MOMENTS], octaves: &[[f64; MOMENTS]]) -> Vec<f32> {
+    let turns = |sun: f64| {
+        let again: Vec<Turned> = octaves.iter().map(|moments| turned(moments, sun)).collect();
+        (turned(first, sun), again)
+    };
+    by_level_slabs(turns, |(once, again), sun, depth, followed| {
+        let left = lost(depth, sun) - leaves(depth, 1.0 / sun, followed, once);
+        let brought = again
+            .iter()
+            .zip(1..)
+            .map(|(turned, octave)| leaves(depth, 0.5f64.powi(octave) / sun, followed, turned));
+        (left / brought.sum::<f64>()).clamp(0.0, f64::from(OCTAVE_SHARE_MOST))
+    })
+}
+
+/// What a level slab of this depth takes out of the beam.
+pub(super) fn lost(depth: f64, sun: f64) -> f64 {
+    -sun * (-depth / sun).exp_m1()
+}
+
+/// A factor for each of the slabs; `turns` is made once for a sun, `factor` of it, the sun, the slab's depth and how deep depths are followed.
+pub(super) fn by_level_slabs<T>(turns: impl Fn(f64) -> T, factor: impl Fn(&T, f64, f64, f64) -> f64) -> Vec<f32> {
     let last = (OCTAVE_SHARE_NODES - 1) as f64;
     let mut shares = Vec::with_capacity(OCTAVE_SHARE_NODES * OCTAVE_SHARE_NODES);
     for sun in 0..OCTAVE_SHARE_NODES {
-        let sun = sun as f64 / last;
-        let once = turned(first, sun);
-        let again: Vec<_> = octaves.iter().map(|moments| turned(moments, sun)).collect();
+        let sun = (sun as f64 / last).max(SUN_LEAST);
+        let turns = turns(sun);
         for passage in 0..OCTAVE_SHARE_NODES {
-            let depth = slab_depth((passage as f64 / last).max(PASSAGE_LEAST));
-            let mut share = 0.0;
-            if sun > 0.0 && depth > 1e-6 && !octaves.is_empty() {
-                let lost = -sun * (-depth / sun).exp_m1();
-                let followed = f64::from(SUN_MARCH_DEEP) * sun;
-                let left = lost - leaves(depth, 1.0 / sun, followed, &once);
-                let brought = again.iter().zip(1..).map(|(turned, octave)| {
-                    let slope = 0.5f64.powi(octave) / sun;
-                    leaves(depth, slope, followed, turned)
-                });
-                share = (left / brought.sum::<f64>()).clamp(0.0, f64::from(OCTAVE_SHARE_MOST));
-            }
-            shares.push(share as f32);
+            let depth = slab_depth((passage as f64 / last).clamp(PASSAGE_LEAST, PASSAGE_MOST));
+            shares.push(factor(&turns, sun, depth, f64::from(SUN_MARCH_DEEP) * sun) as f32);
         }
     }
     shares

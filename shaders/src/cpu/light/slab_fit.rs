@@ -25,6 +25,8 @@ use crate::cpu::view::shape::{Shape, trilinear};
 
 /// Normals are averaged over blocks of about this edge, m.
 pub const NORMAL_BLOCK_M: f32 = 160.0;
+/// Growth of a march's steps with distance: slopes are taken of the depths, so that they must not leap where a step crosses the far surface.
+const MARCH_GROWTH: f32 = 0.03;
 /// No depth is kept above this.
 const DEPTH_MAX: f32 = 4095.0;
 /// Steps of a root of depth, one over.
@@ -237,7 +239,7 @@ fn fill_level(shape: &Shape, carved: bool, along: &[f32; 3], k: usize, level: &m
             if !near.any_above(0.0) {
                 continue;
             }
-            let depth = optical_depth(shape, carved, along, DEPTH_MAX, x, y, z, near);
+            let depth = optical_depth(shape, carved, along, DEPTH_MAX, MARCH_GROWTH, x, y, z, near);
             for l in 0..LANES.min(width - first) {
                 if near.0[l] > 0.0 {
                     row[first + l] = depth.0[l].min(DEPTH_MAX);

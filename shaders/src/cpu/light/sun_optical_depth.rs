@@ -3,7 +3,7 @@
 //! Reads: [`Shape`], the sky's visibility at cell centres, the sun's direction. Writes: [`SunLight`]: at every point of the shape near cloud (everywhere, for light shafts),
 //! packed in 32 bits, the optical depth towards the sun (16 bits, steps of 0.001, up to 65) and the two visibilities (8 bits
 //! each); and a map of the optical depth seen from the clouds' lowest level, `[y][x]` as the shape's points, for shadows on
-//! the ground. Scheme: a march from each point, steps of 30 m growing with distance, midpoint rule, empty space skipped, to
+//! the ground. Scheme: a march from each point, steps of 10 m growing with distance (just behind a surface longer ones would miss the cloud before it), midpoint rule, empty space skipped, to
 //! 12 km or to the top. A sun lower than 1.5 degrees is marched to at 1.5 degrees.
 
 use multiversion::multiversion;
@@ -20,9 +20,9 @@ crate::constants! {
     /// No march goes farther, m.
     pub(crate) const SUN_MARCH_REACH_M: f32 = 12_000.0;
     /// Length of the first step, m.
-    const SUN_MARCH_STEP_M: f32 = 30.0;
+    const SUN_MARCH_STEP_M: f32 = 10.0;
     /// Growth of steps with distance.
-    const SUN_MARCH_STEP_GROWTH: f32 = 0.06;
+    const SUN_MARCH_STEP_GROWTH: f32 = 0.12;
     /// Steps at most.
     const SUN_MARCH_STEPS: u32 = 200;
     /// Optical depth at which a march ends: nothing more is to be learnt.
@@ -118,7 +118,7 @@ fn fill_level(
             if !near.any_above(0.0) {
                 continue;
             }
-            let depth = optical_depth(shape, carved, sun, SUN_MARCH_DEEP, x, y, z, near);
+            let depth = optical_depth(shape, carved, sun, SUN_MARCH_DEEP, SUN_MARCH_STEP_GROWTH, x, y, z, near);
             for l in 0..LANES.min(width - first) {
                 // Each point for itself, whatever points are looked at together with it.
                 if near.0[l] <= 0.0 {
@@ -143,19 +143,30 @@ fn fill_shadow_row(shape: &Shape, carved: bool, sun: &[f32; 3], n: usize, row: &
     let y = Lanes::splat((n as f32 - 0.5) * shape.point_spacing_m[1]);
     for first in (0..row.len()).step_by(LANES) {
         let x = Lanes::from_fn(|l| ((first + l) as f32 - 0.5) * shape.point_spacing_m[0]);
-        let depth = optical_depth(shape, carved, sun, SUN_MARCH_DEEP, x, y, z, Lanes::splat(1.0));
+        let depth = optical_depth(
+            shape,
+            carved,
+            sun,
+            SUN_MARCH_DEEP,
+            SUN_MARCH_STEP_GROWTH,
+            x,
+            y,
+            z,
+            Lanes::splat(1.0),
+        );
         let count = LANES.min(row.len() - first);
         row[first..first + count].copy_from_slice(&depth.0[..count]);
     }
 }
 
-/// Optical depth along a direction up to where it is above `deep`, of the lanes whose `wanted` is above 0.
+/// Optical depth along a direction up to where it is above `deep`, by steps that grow by the share `growth` of the way, of the lanes whose `wanted` is above 0.
 #[inline(always)]
 pub(crate) fn optical_depth(
     shape: &Shape,
     carved: bool,
     along: &[f32; 3],
     deep: f32,
+    growth: f32,
     x: Lanes,
     y: Lanes,
     z: Lanes,
@@ -176,7 +187,7 @@ pub(crate) fn optical_depth(
         if !(end - t).any_above(0.0) {
             break;
         }
-        let step = t * SUN_MARCH_STEP_GROWTH + SUN_MARCH_STEP_M;
+        let step = t * growth + SUN_MARCH_STEP_M;
         let at = t + step * 0.5;
         let (px, py, pz) = (x + at * along[0], y + at * along[1], z + at * along[2]);
         let empty = shape.empty_distance_m(px, py, pz);

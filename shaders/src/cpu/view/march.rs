@@ -30,7 +30,6 @@ use crate::cpu::light::moon::MoonDisc;
 use crate::cpu::light::octave_shares::{
     LEVEL_DEPTH, LEVEL_FROM, LEVEL_OVER, LEVEL_RESISTANCE, OCTAVE_SHARE_NODES, TURNED_SHARE,
 };
-use crate::cpu::light::phase::henyey_greenstein;
 use crate::cpu::light::sky_light::SkyLight;
 use crate::cpu::light::sky_table::SkyTable;
 use crate::cpu::light::slab_fit::SlabFit;
@@ -620,16 +619,13 @@ fn march<const LIMITED: bool>(
         for c in 0..3 {
             once[c].0[l] = first[c];
         }
-        for (octave, phase) in phases.iter_mut().enumerate().take(frame.octaves + 1).skip(1) {
+        for (octave, phase) in phases.iter_mut().enumerate().take(frame.octaves + 1) {
             phase.0[l] = frame.phase.octave(octave, turn.0[l]);
-        }
-        if let Some(diffuse) = frame.diffuse {
-            phases[1].0[l] = henyey_greenstein(1.0 - diffuse.similarity, turn.0[l]);
         }
     }
     let slowest = -std::f32::consts::LOG2_E * frame.phase.depth_scale * 0.5f32.powi(frame.octaves as i32);
     let sun = marched_direction(frame.beam_direction);
-    let shares = frame.phase.octave_shares();
+    let shares = frame.phase.level_shares();
     let per_depth = 1.0 / (shape.top_m - shape.bottom_m);
 
     let mut through = one;
@@ -717,15 +713,12 @@ fn march<const LIMITED: bool>(
                     passed = passed * passed;
                 }
                 let passage = passage(sky_seen, ground_seen);
-                if frame.octaves > 0 {
-                    scattered = scattered * octave_share(shares, sun[2], depth, sky_seen, passage);
-                }
                 if let Some(diffuse) = frame.diffuse {
-                    let onward = (depth * (-std::f32::consts::LOG2_E * diffuse.similarity)).exp2();
-                    let (cover, amplitude) = shape.sample(p[0], p[1], p[2]);
-                    let mean = shape.mean_extinction(cover, amplitude, frame.detail.is_some());
-                    let fluence = diffuse.towards(shape, &p, &d, mean);
-                    scattered = phases[1] * (onward - passed) + fluence * (0.25 / std::f32::consts::PI);
+                    let fluence = diffuse.towards(shape, &p, &d, frame.detail.is_some());
+                    scattered = (scattered + phases[0] * passed).max(zero) + fluence * (0.25 / std::f32::consts::PI);
+                }
+                if frame.octaves > 0 {
+                    scattered = scattered * level_share(shares, sun[2], depth, sky_seen, passage);
                 }
                 if let Some(slab) = frame.slab {
                     scattered = slab.towards(shape, &p, &d, depth, turn);
@@ -776,10 +769,10 @@ fn diffuse_share(passage: Lanes, other: Lanes) -> Lanes {
     passage * (Lanes::splat(1.0) / other.max(Lanes::splat(1e-3)) - 0.5)
 }
 
-/// Factor on the sum of octaves at places `depth` behind the cloud's surface towards the sun, where the share `sky` of diffuse light comes from above and the share `passage` passes the cloud; see
+/// Factor on light behind the first scattering at places `depth` behind the cloud's surface towards the sun, where the share `sky` of diffuse light comes from above and the share `passage` passes the cloud; see
 /// [`crate::cpu::light::octave_shares`].
 #[inline(always)]
-fn octave_share(shares: &[f32], sun: f32, depth: Lanes, sky: Lanes, passage: Lanes) -> Lanes {
+fn level_share(shares: &[f32], sun: f32, depth: Lanes, sky: Lanes, passage: Lanes) -> Lanes {
     let last = (OCTAVE_SHARE_NODES - 1) as f32;
     let one = Lanes::splat(1.0);
     let above = (one / sky.max(Lanes::splat(1e-3)) - 1.0) * (1.0 / LEVEL_RESISTANCE);
