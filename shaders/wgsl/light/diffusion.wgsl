@@ -67,6 +67,11 @@ fn half_resistance(transport_per_m: f32, size_m: f32) -> f32 {
     return max(1.5 * transport_per_m * size_m, DIFFUSION_RESISTANCE_LEAST);
 }
 
+/// How far a cell counts as cloud, 0 to 1.
+fn substance(transport_per_m: f32, mean_m: f32) -> f32 {
+    return min(transport_per_m * mean_m * (1.5 / SUBSTANCE_RESISTANCE), 1.0);
+}
+
 /// Conductance from a cell to another and to the outside, where the other is cloud or not.
 fn to_other(here: f32, other: f32, size_m: f32, face_m2: f32) -> vec2<f32> {
     let half = half_resistance(here, size_m);
@@ -251,11 +256,10 @@ fn surface(@builtin(global_invocation_id) id: vec3<u32>) {
     // Stored cell i is cell i - 1; periodic.
     let x = (id.x + grid.cells_x - 1u) % grid.cells_x;
     let y = (id.y + grid.cells_y - 1u) % grid.cells_y;
-    var fluence = 0.0;
-    if (transport(x, y, id.z) > 0.0) {
-        fluence = max(numbers[place_of(FLUENCE, cell(x, y, id.z))], 0.0);
-    } else {
-        let mean_m = (grid.cell_size_x_m + grid.cell_size_y_m + grid.cell_size_z_m) / 3.0;
+    let mean_m = (grid.cell_size_x_m + grid.cell_size_y_m + grid.cell_size_z_m) / 3.0;
+    let own = substance(transport(x, y, id.z), mean_m);
+    var fluence = max(numbers[place_of(FLUENCE, cell(x, y, id.z))], 0.0);
+    if (own < 1.0) {
         var sum = 0.0;
         var weights = 0.0;
         for (var c = 0u; c < 27u; c++) {
@@ -265,17 +269,17 @@ fn surface(@builtin(global_invocation_id) id: vec3<u32>) {
             }
             let n = cell((x + grid.cells_x + c % 3u - 1u) % grid.cells_x, (y + grid.cells_y + c / 3u % 3u - 1u) % grid.cells_y, level - 1u);
             let thick = numbers[place_of(TRANSPORT, n)];
-            if (thick > 0.0) {
+            if (thick > 0.0 && c != 13u) {
                 // At the surface it is 2 / (2 + half) of the cell's; as far again behind it, straight on.
                 let half = half_resistance(thick, mean_m);
                 let middle = vec3<u32>(c % 3u, c / 3u % 3u, c / 9u) == vec3<u32>(1u);
                 let near = select(vec3<f32>(1.0), vec3<f32>(SURFACE_MIDDLE), middle);
-                let weight = near.x * near.y * near.z;
+                let weight = near.x * near.y * near.z * substance(thick, mean_m);
                 sum += weight * max(numbers[place_of(FLUENCE, n)], 0.0) * max((DIFFUSION_SURFACE_RESISTANCE - half) / (DIFFUSION_SURFACE_RESISTANCE + half), 0.0);
                 weights += weight;
             }
         }
-        fluence = select(0.0, sum / weights, weights > 0.0);
+        fluence = select(fluence, own * fluence + (1.0 - own) * sum / weights, weights > 0.0);
     }
     shadow[shape.stride_x * shape.stride_y + 1u + (id.z * stride.y + id.y) * stride.x + id.x] = fluence;
 }

@@ -32,6 +32,8 @@ crate::constants! {
     const DIFFUSION_RESISTANCE_LEAST: f32 = 0.005;
     /// What the surface resists, three times Milne's 0.7104: its fluence over this leaves.
     pub(super) const DIFFUSION_SURFACE_RESISTANCE: f32 = 2.1313;
+    /// Half a cell's resistance from which on its own fluence is looked up alone: light must not leap where a cell at the edge comes to be cloud.
+    const SUBSTANCE_RESISTANCE: f32 = 0.05;
     /// Bounds of 3 F over the fluence: out of the cloud, and into it.
     pub(super) const FLUX_OUTWARD: f32 = 1.5;
     pub(super) const FLUX_INWARD: f32 = 0.8;
@@ -287,7 +289,13 @@ fn conduct_row(
     }
 }
 
-/// A row's fluence, and in empty cells beside cloud what that inside and at the surface lead to: a place between two cells is looked up in both. `rows` are the nine around,
+/// How far a cell counts as cloud, 0 to 1.
+#[inline(always)]
+fn substance(transport_per_m: f32, mean_m: f32) -> f32 {
+    (transport_per_m * mean_m * (1.5 / SUBSTANCE_RESISTANCE)).min(1.0)
+}
+
+/// A row's fluence, and in cells beside cloud what that inside and at the surface lead to, the more the less they are cloud themselves: a place between two cells is looked up in both. `rows` are the nine around,
 /// extinction and fluence, from south-below on.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma",
@@ -300,7 +308,8 @@ fn surface_row(rows: &[Option<(&[f32], &[f32])>; 9], size_m: [f32; 3], to: &mut 
     let around = [1.0, SURFACE_MIDDLE, 1.0];
     let Some((here, inside)) = rows[4] else { return };
     for i in 0..n {
-        if here[i] > 0.0 {
+        let own = substance(here[i], mean_m);
+        if own >= 1.0 {
             to[i] = inside[i];
             continue;
         }
@@ -309,17 +318,21 @@ fn surface_row(rows: &[Option<(&[f32], &[f32])>; 9], size_m: [f32; 3], to: &mut 
             let Some((transport, fluence)) = row else { continue };
             let weight = around[c % 3] * around[c / 3];
             for (a, at) in [(i + n - 1) % n, i, (i + 1) % n].into_iter().enumerate() {
-                if transport[at] > 0.0 {
+                if transport[at] > 0.0 && (c, a) != (4, 1) {
                     // At the surface it is 2 / (2 + half) of the cell's; as far again behind it, straight on.
                     let half = half_resistance(transport[at], mean_m);
+                    let weight = weight * around[a] * substance(transport[at], mean_m);
                     sum += weight
-                        * around[a]
                         * fluence[at]
                         * ((DIFFUSION_SURFACE_RESISTANCE - half) / (DIFFUSION_SURFACE_RESISTANCE + half)).max(0.0);
-                    weights += weight * around[a];
+                    weights += weight;
                 }
             }
         }
-        to[i] = if weights > 0.0 { sum / weights } else { 0.0 };
+        to[i] = if weights > 0.0 {
+            own * inside[i] + (1.0 - own) * sum / weights
+        } else {
+            inside[i]
+        };
     }
 }
