@@ -54,6 +54,8 @@ pub struct Diffuse {
     per_cell_size: f32,
     /// Extinction that diffuse light meets, 1/m.
     transport: Vec<f32>,
+    /// A row of empty cells.
+    nothing: Vec<f32>,
     grids: Grids,
 }
 
@@ -78,6 +80,7 @@ impl Diffuse {
         self.cells = cells;
         self.per_cell_size = 1.0 / size[2];
         self.transport.resize(nx * ny * nz, 0.0);
+        self.nothing.resize(nx, 0.0);
         let grid = self.grids.finest(cells, size);
         let similarity = self.similarity;
         let volume = size[0] * size[1] * size[2];
@@ -97,7 +100,7 @@ impl Diffuse {
                 source,
             );
         });
-        let transport = &self.transport;
+        let (transport, nothing) = (&self.transport, &self.nothing[..nx]);
         let [east, north, up] = &mut grid.next;
         let rows = east.par_chunks_mut(nx).zip(north.par_chunks_mut(nx));
         let rows = rows.zip(up.par_chunks_mut(nx)).zip(grid.outside.par_chunks_mut(nx));
@@ -109,8 +112,8 @@ impl Diffuse {
                 here,
                 [row((j + ny - 1) % ny, k), row((j + 1) % ny, k)],
                 [
-                    (k > 0).then(|| row(j, k.wrapping_sub(1))),
-                    (k + 1 < nz).then(|| row(j, k + 1)),
+                    if k > 0 { row(j, k - 1) } else { nothing },
+                    if k + 1 < nz { row(j, k + 1) } else { nothing },
                 ],
                 [nx > 1, ny > 1],
                 size,
@@ -135,7 +138,7 @@ impl Diffuse {
         });
     }
 
-    /// What diffuse light brings towards a camera that looks along `d`, times 4 pi, at sixteen places in m where the extinction is `mean` in 1/m on average.
+    /// What diffuse light brings towards a camera that looks along `d`, times 4 pi, at sixteen places in m; `carved` as in [`SunLight::new`].
     #[inline(always)]
     pub(crate) fn towards(&self, shape: &Shape, p: &[Lanes; 3], d: &[Lanes; 3], carved: bool) -> Lanes {
         let ahead_m = shape.cell_size_m()[2];
@@ -230,7 +233,7 @@ fn half_resistance(transport_per_m: f32, size_m: f32) -> f32 {
 fn conduct_row(
     here: &[f32],
     [south, north]: [&[f32]; 2],
-    levels: [Option<&[f32]>; 2],
+    [below, above]: [&[f32]; 2],
     goes: [bool; 2],
     size_m: [f32; 3],
     [east, to_north, up, outside]: [&mut [f32]; 4],
@@ -247,45 +250,46 @@ fn conduct_row(
         if a > 0.0 && b <= 0.0 { through } else { 0.0 }
     };
     to_north.fill(0.0);
-    up.fill(0.0);
     east.fill(0.0);
-    // What each axis's faces lose; a surface that stands aslant is as large as its faces' areas make as a vector, not their sum.
-    let lost_by = |i: usize| {
-        let (west, east) = (here[(i + n - 1) % n], here[(i + 1) % n]);
-        let x = if goes[0] {
-            lost(here[i], west, 0) + lost(here[i], east, 0)
-        } else {
-            0.0
+    outside.fill(0.0);
+    // What each axis's faces lose, squared: a surface that stands aslant is as large as its faces' areas make as a vector, not their sum.
+    if goes[0] {
+        let square = |i: usize, west: usize, east: usize| {
+            let through = lost(here[i], here[west], 0) + lost(here[i], here[east], 0);
+            through * through
         };
-        let y = if goes[1] {
-            lost(here[i], north[i], 1) + lost(here[i], south[i], 1)
-        } else {
-            0.0
-        };
-        // Light leaves under the ground and above the lid too.
-        let z = levels
-            .iter()
-            .map(|level| lost(here[i], level.map_or(0.0, |level| level[i]), 2))
-            .sum::<f32>();
-        (x * x + y * y + z * z).sqrt()
-    };
+        for i in 1..n - 1 {
+            outside[i] = square(i, i - 1, i + 1);
+        }
+        outside[0] = square(0, n - 1, 1);
+        outside[n - 1] = square(n - 1, n - 2, 0);
+    }
+    if goes[1] {
+        let (south, north) = (&south[..n], &north[..n]);
+        for i in 0..n {
+            let through = lost(here[i], north[i], 1) + lost(here[i], south[i], 1);
+            outside[i] += through * through;
+        }
+    }
+    // Light leaves under the ground and above the lid too, where the row beside is empty.
+    let (below, above) = (&below[..n], &above[..n]);
     for i in 0..n {
-        outside[i] = lost_by(i);
+        let through = lost(here[i], below[i], 2) + lost(here[i], above[i], 2);
+        outside[i] = (outside[i] + through * through).sqrt();
     }
     if goes[0] {
-        for i in 0..n {
-            east[i] = both(here[i], here[(i + 1) % n], 0);
+        for i in 0..n - 1 {
+            east[i] = both(here[i], here[i + 1], 0);
         }
+        east[n - 1] = both(here[n - 1], here[0], 0);
     }
     if goes[1] {
         for i in 0..n {
             to_north[i] = both(here[i], north[i], 1);
         }
     }
-    if let Some(level) = levels[1] {
-        for i in 0..n {
-            up[i] = both(here[i], level[i], 2);
-        }
+    for i in 0..n {
+        up[i] = both(here[i], above[i], 2);
     }
 }
 

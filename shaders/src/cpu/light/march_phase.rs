@@ -4,7 +4,8 @@
 //! one function for all colours at [`PHASE_OCTAVE_NODES`] cosines equally far apart; 1/sr; linear between. Scheme: an octave's light was turned before, so that it sees a rounder function
 //! (Wrenninge et al. 2013): a Henyey-Greenstein function's asymmetry times e^n. For any other function the same is a convolution over the sphere with
 //! Henyey and Greenstein's function of asymmetry e^n: its Legendre moments times e^(n l), which are what is scaled in that one. Octaves carry
-//! the weights that they are summed with, and the march scales their sum by [`super::octave_shares`], which follow the two tables.
+//! the weights that they are summed with. Where light diffuses the octaves are [`super::diffusion_shares::forward_octaves`]. The march scales their sum by [`super::octave_shares`] or
+//! [`super::diffusion_shares`], which follow the two tables.
 //!
 //! `multiple_forward` takes the function without its chopped peak, unscaled: light within the peak goes on (seed 002, seed 004), so that what is left integrates to less than 1.
 
@@ -19,9 +20,9 @@ crate::constants! {
     pub const PHASE_OCTAVE_NODES: usize = 128;
     /// Nodes of each half of the first function.
     pub const PHASE_FIRST_HALF: usize = PHASE_HALF_NODES;
-    /// The quad that the octaves' shares begin at.
+    /// The quad that the factors begin at.
     pub const PHASE_SHARES_FIRST: usize = PHASE_NODES + (OCTAVES_MAX + 1) * PHASE_OCTAVE_NODES / 4;
-    /// Numbers, four at a time: nodes of the first function as red, green, blue and nothing; then four nodes of an octave in each; then the octaves' shares.
+    /// Numbers, four at a time: nodes of the first function as red, green, blue and nothing; then four nodes of an octave in each, from the one that falls as the beam does; then the factors.
     pub const PHASE_QUADS: usize = PHASE_SHARES_FIRST + OCTAVE_SHARE_NODES * OCTAVE_SHARE_NODES / 4 + 1;
 }
 /// Legendre moments that octaves are made of: 0.75^40 is 1e-5.
@@ -82,10 +83,16 @@ impl MarchPhase {
                 }
             }
         }
+        // What goes about the beam's way is a sum in which single terms may be negative; an octave is light.
+        let least = if scattering == Scattering::Diffusion {
+            f64::MIN
+        } else {
+            0.0
+        };
         for rounded in &rounder {
             let values: Vec<f32> = (0..PHASE_OCTAVE_NODES)
                 .map(|n| 1.0 - 2.0 * n as f64 / (PHASE_OCTAVE_NODES - 1) as f64)
-                .map(|mu| of_moments(rounded, mu) as f32)
+                .map(|mu| of_moments(rounded, mu).max(least) as f32)
                 .collect();
             quads.extend(values.chunks_exact(4).map(|v| [v[0], v[1], v[2], v[3]]));
         }
