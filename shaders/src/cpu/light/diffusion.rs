@@ -340,3 +340,48 @@ fn surface_row(rows: &[Option<(&[f32], &[f32])>; 9], size_m: [f32; 3], to: &mut 
         };
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cpu::light::sky_visibility::sky_visibility;
+    use crate::{CloudVolume, Grid};
+
+    /// A ball, dense or thin, in haze that hardly is: what its cells are given leaves, though cells at its edge conduct hundreds of times better than those inside.
+    #[test]
+    fn what_a_cloud_is_given_leaves_it() {
+        let grid = Grid {
+            cells: [24, 20, 30],
+            cell_size_m: [100.0, 100.0, 40.0],
+        };
+        for dense_per_m in [0.1, 0.01, 0.001] {
+            let extinction = (0..grid.len()).map(|n| {
+                let [x, y, z] = [n % 24, n / 24 % 20, n / grid.plane()].map(|i| i as f32 + 0.5);
+                let r_m =
+                    ((100.0 * x - 1200.0).powi(2) + (100.0 * y - 1000.0).powi(2) + (40.0 * z - 600.0).powi(2)).sqrt();
+                if r_m < 450.0 {
+                    dense_per_m
+                } else if r_m < 560.0 {
+                    1e-5
+                } else {
+                    0.0
+                }
+            });
+            let volume = CloudVolume {
+                grid,
+                extinction_per_m: extinction.collect(),
+                cloudy_levels: [1, 29],
+                air_displacement_m: [0.0; 3],
+            };
+            let shape = Shape::new(&volume).unwrap();
+            let seen = sky_visibility(&shape.slab_per_m, [24, 20], grid.cell_size_m);
+            let sun_light = SunLight::new(&shape, &seen, false, false, [0.6, 0.0, 0.8]);
+            let mut diffuse = Diffuse::new(&shape, &sun_light, false, 0.86);
+            let solved = diffuse.grids.finest(shape.slab_cells(), shape.cell_size_m());
+            let sum = |of: &[f32]| of.iter().map(|v| f64::from(*v)).sum::<f64>();
+            let leaves: Vec<f32> = solved.outside.iter().zip(&solved.fluence).map(|(o, f)| o * f).collect();
+            let share = sum(&leaves) / sum(&solved.source);
+            assert!(share > 0.97 && share < 1.0 + 1e-4, "{dense_per_m}: {share}");
+        }
+    }
+}

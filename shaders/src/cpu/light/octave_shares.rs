@@ -13,6 +13,8 @@
 //! Keeps: in a level slab all that came in, whatever its depth and the sun's height, between the nodes to some parts in a hundred. Other clouds get what a slab gets
 //! that lets as much diffuse light pass: near the edge of a cloud that ends sideways that is too much, on sides under a low sun too little. As Wrenninge et al. (2013) give them, weights alone, octaves bring thin cloud up to three and a half
 //! times what came in (a depth of 1 under a sun of cosine 0.1) and thick cloud a third. Only [`OCTAVE_SHARE_MOST`] bounds the factor: few octaves of the forward peak cannot turn back all light.
+//!
+//! [`super::diffusion_shares`] goes through the same slabs and suns, and the march looks both kinds of factors up alike.
 
 use super::march_phase::{GAUSS, MOMENTS, legendre};
 use super::sky_visibility::{DIFFUSE_VISIBILITY, SLANT_PATH};
