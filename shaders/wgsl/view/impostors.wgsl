@@ -116,8 +116,7 @@ fn impostors(
             let hides = 1.0 - met.through;
             met.distance_m = hides * met.distance_m / max(hides, 1e-6);
         }
-        let seen = composed(ray, behind_of(ray), met);
-        tile[thread] = in_word(tone_map(seen, exposed(), ray.pattern));
+        tile[thread] = in_word(shown(ray, met));
     }
     pack(group, thread);
 }

@@ -1,5 +1,4 @@
 //! use shared/atmosphere
-//! use shared/phase
 //! use shared/air_transmittance
 //! use shared/shape
 //! use shared/detail
@@ -397,15 +396,18 @@ fn exposed() -> f32 {
     return exposure(received, frame.exposure_gain, frame.night != 0u);
 }
 
+/// Bytes as floats of a pixel whose ray meets this.
+fn shown(ray: Ray, met: Met) -> vec3<f32> {
+    return tone_map(composed(ray, behind_of(ray), met), exposed(), ray.pattern);
+}
+
 /// Bytes as floats of the pixel whose centre is at `pixel`.
 fn draw(pixel: vec2<f32>) -> vec3<f32> {
     let ray = ray_of(pixel);
-    let behind = behind_of(ray);
-    var seen = behind.light;
     if (frame.cloud != 0u) {
-        seen = composed(ray, behind, march(ray));
+        return shown(ray, march(ray));
     }
-    return tone_map(seen, exposed(), ray.pattern);
+    return tone_map(behind_of(ray).light, exposed(), ray.pattern);
 }
 
 var<workgroup> tile: array<u32, 64>;

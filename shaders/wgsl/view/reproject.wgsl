@@ -115,8 +115,7 @@ fn reprojected(
         let ray = ray_of(vec2<f32>(f32(id.x), f32(y)) + 0.5);
         let met = met_again(id.x, y, ray);
         keep(met, recall.next_at + id.y * frame.width * SAMPLE_NUMBERS + id.x, frame.width);
-        let seen = composed(ray, behind_of(ray), met);
-        tile[thread] = in_word(tone_map(seen, exposed(), ray.pattern));
+        tile[thread] = in_word(shown(ray, met));
     }
     pack(group, thread);
 }

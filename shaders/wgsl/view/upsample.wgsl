@@ -51,7 +51,7 @@ fn met_between(x: u32, y: u32, ray: Ray) -> Met {
     let rows = min(vec2<u32>(y, y + 1u) / 2u, vec2<u32>(sampling.rows - 1u)) * (sampling.columns * SAMPLE_NUMBERS);
     let at = vec4<u32>(rows.xx, rows.yy) + columns.xyxy + vec4<u32>(sampling.samples_at);
     let red = taps(at, 0u);
-    let green = taps(at, 1u * sampling.columns);
+    let green = taps(at, sampling.columns);
     let blue = taps(at, 2u * sampling.columns);
     let through = taps(at, 3u * sampling.columns);
     let distance = taps(at, 4u * sampling.columns);
@@ -79,8 +79,7 @@ fn upsampled(
     tile[thread] = 0u;
     if (id.x < frame.width && y < frame.height) {
         let ray = ray_of(vec2<f32>(f32(id.x), f32(y)) + 0.5);
-        let seen = composed(ray, behind_of(ray), met_between(id.x, y, ray));
-        tile[thread] = in_word(tone_map(seen, exposed(), ray.pattern));
+        tile[thread] = in_word(shown(ray, met_between(id.x, y, ray)));
     }
     pack(group, thread);
 }

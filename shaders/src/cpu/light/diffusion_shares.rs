@@ -34,7 +34,8 @@ pub fn forward_octaves(asymmetry: f32) -> [[f64; MOMENTS]; FORWARD_OCTAVES + 1] 
         } else {
             1.0 - moment
         };
-        let (octave, rest) = split((-rate.log2()).clamp(0.0, FORWARD_OCTAVES as f64 - 1e-9));
+        let place = (-rate.log2()).clamp(0.0, FORWARD_OCTAVES as f64 - 1e-9);
+        let (octave, rest) = (place as usize, place.fract());
         octaves[octave][l] += moment * (1.0 - rest);
         octaves[octave + 1][l] += moment * rest;
         octaves[0][l] -= moment;
@@ -56,11 +57,6 @@ pub fn diffusion_shares(first: &[f64; MOMENTS], asymmetry: f32) -> Vec<f32> {
         let brought = onward.sum::<f64>() + diffuse_leaves(depth, sun, followed, s);
         (left / brought).clamp(0.0, DIFFUSION_SHARE_MOST)
     })
-}
-
-/// Whole part and rest.
-fn split(place: f64) -> (usize, f64) {
-    (place as usize, place.fract())
 }
 
 /// Share of a flux that leaves a slab's faces of what has diffused.

@@ -65,6 +65,7 @@ impl MarchPhase {
             .map(|n| table.colours.iter().map(|c| c[n]).sum::<f64>() / 3.0)
             .collect();
         let moments = moments(&mean);
+        let asymmetry = moments[1] as f32;
         let mut quads: Vec<[f32; 4]> = (0..PHASE_NODES)
             .map(|n| [first[0][n] as f32, first[1][n] as f32, first[2][n] as f32, 0.0])
             .collect();
@@ -72,7 +73,7 @@ impl MarchPhase {
         // The octave that falls as the beam does, and those behind it.
         let mut rounder = vec![[0.0; MOMENTS]; OCTAVES_MAX + 1];
         if scattering == Scattering::Diffusion {
-            let forward = forward_octaves(moments[1] as f32);
+            let forward = forward_octaves(asymmetry);
             rounder[..forward.len()].copy_from_slice(&forward);
         } else {
             for (octave, rounded) in rounder.iter_mut().enumerate().skip(1) {
@@ -97,7 +98,7 @@ impl MarchPhase {
             quads.extend(values.chunks_exact(4).map(|v| [v[0], v[1], v[2], v[3]]));
         }
         let mut shares = match scattering {
-            Scattering::Diffusion => diffusion_shares(&moments, moments[1] as f32),
+            Scattering::Diffusion => diffusion_shares(&moments, asymmetry),
             Scattering::Octaves => octave_shares(&moments, &rounder[1..=octaves]),
             _ => Vec::new(),
         };
@@ -106,7 +107,7 @@ impl MarchPhase {
         MarchPhase {
             quads,
             depth_scale: depth_scale as f32,
-            asymmetry: moments[1] as f32,
+            asymmetry,
         }
     }
 
