@@ -116,6 +116,8 @@ pub enum Scattering {
     Diffusion,
     /// Light of orders from 2 on as in a level slab fitted to the cloud around, from tables of photons followed through slabs; on the CPU alone. The effect's octaves are not looked at.
     Slab,
+    /// The same with a slab for each group of orders, found by iteration over where a place's light came in; on the CPU alone. The effect's octaves are not looked at.
+    SlabCollector,
 }
 
 /// See [`Methods::view_steps`].

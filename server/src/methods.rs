@@ -78,6 +78,7 @@ fn scattering_of(scattering: Scattering) -> (Rung, view::Scattering) {
         Scattering::MultipleForward => (Rung::MultipleForward, view::Scattering::MultipleForward),
         Scattering::Diffusion => (Rung::Diffusion, view::Scattering::Diffusion),
         Scattering::Slab => (Rung::Slab, view::Scattering::Slab),
+        Scattering::SlabCollector => (Rung::SlabCollector, view::Scattering::SlabCollector),
     }
 }
 

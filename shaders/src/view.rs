@@ -71,6 +71,8 @@ pub enum Scattering {
     Diffusion,
     /// Once, and further as in a slab fitted to the cloud (stage `slab_fit`); on the CPU.
     Slab,
+    /// The same with slabs found by iteration (stage `slab_collector`); on the CPU.
+    SlabCollector,
 }
 
 impl Scattering {
@@ -79,7 +81,7 @@ impl Scattering {
         match self {
             Scattering::Octaves => (asked as usize).min(OCTAVES_MAX),
             Scattering::Diffusion => FORWARD_OCTAVES,
-            Scattering::MultipleForward | Scattering::Slab => 0,
+            Scattering::MultipleForward | Scattering::Slab | Scattering::SlabCollector => 0,
         }
     }
 }
@@ -161,7 +163,7 @@ pub struct Lighting {
 impl Lighting {
     /// Whether no GPU draws it, this program's or a page's.
     pub fn needs_cpu(&self) -> bool {
-        self.scattering == Scattering::Slab
+        matches!(self.scattering, Scattering::Slab | Scattering::SlabCollector)
     }
 }
 
@@ -280,8 +282,10 @@ pub struct Sources {
 pub type SunMapKey = (u64, Option<FrameDetail>, MapKind, u32, [f32; 3]);
 /// Phase function, method, octaves: what the numbers that the march turns light by depend on.
 pub type PhaseKey = (PhaseChoice, Scattering, usize);
-/// Volume, whether carved, sun, phase function: what the diffuse light depends on, and the light of fitted slabs.
+/// Volume, whether carved, sun, phase function: what the diffuse light depends on.
 pub type DiffuseKey = (u64, bool, [f32; 3], PhaseChoice);
+/// Which slabs, and what diffuse light depends on: what the light of fitted slabs depends on.
+pub type SlabKey = (Scattering, DiffuseKey);
 
 /// Settings made sense of: bounded, with what follows from them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -432,12 +436,11 @@ impl Look {
         ))
     }
     /// Key of the slabs fitted to the volume with this fingerprint, where they are wanted.
-    pub fn slab_key(&self, volume: u64) -> Option<DiffuseKey> {
-        (self.lighting.scattering == Scattering::Slab).then_some((
-            volume,
-            self.detail.is_some(),
-            self.table_beam,
-            self.lighting.phase,
+    pub fn slab_key(&self, volume: u64) -> Option<SlabKey> {
+        let scattering = self.lighting.scattering;
+        matches!(scattering, Scattering::Slab | Scattering::SlabCollector).then_some((
+            scattering,
+            (volume, self.detail.is_some(), self.table_beam, self.lighting.phase),
         ))
     }
     /// Key of the optical depths of the volume with this fingerprint.

@@ -153,16 +153,19 @@ async fn scenery_has_the_scenes_light_or_says_that_no_kernel_does() {
     let similarity = frame["similarity"].as_f64().unwrap();
     assert!(similarity > 0.1 && similarity < 0.2, "{similarity}");
 
-    server
-        .state
-        .create_world(with(json!({ "scattering": "slab" })))
-        .await
-        .unwrap();
-    let refused = server.get("/v1/worlds/w4/scenery").await;
-    assert_eq!(
-        (refused.status, refused.json()["code"].clone()),
-        (400, json!("method_needs_cpu"))
-    );
-    let frame = server.get("/v1/worlds/w4/frame?width=32&height=18&format=png").await;
-    assert_eq!(frame.status, 200);
+    for (n, scattering) in ["slab", "slab_collector"].into_iter().enumerate() {
+        let methods = json!({ "scattering": scattering });
+        server.state.create_world(with(methods)).await.unwrap();
+        let world = format!("/v1/worlds/w{}", n + 4);
+        let refused = server.get(&format!("{world}/scenery")).await;
+        assert_eq!(
+            (refused.status, refused.json()["code"].clone()),
+            (400, json!("method_needs_cpu"))
+        );
+        let frame = server
+            .get(&format!("{world}/frame?width=32&height=18&format=png"))
+            .await;
+        assert_eq!(frame.status, 200);
+        assert_eq!(server.delete(&world).await.status, 204);
+    }
 }

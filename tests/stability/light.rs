@@ -170,6 +170,7 @@ fn lightings() -> Vec<Lighting> {
         Scattering::MultipleForward,
         Scattering::Diffusion,
         Scattering::Slab,
+        Scattering::SlabCollector,
     ];
     let maps = [MapKind::Exponential, MapKind::Beer, MapKind::Fourier];
     let occlusions = maps.map(|kind| SunOcclusion::ShadowMap { kind, side: 16 });

@@ -213,6 +213,9 @@ rungs! {
     Slab Scattering "slab" SLAB_DEVICES, None,
         "orders from 2 on as in a level slab fitted to the cloud by one step, from tables of photons followed through slabs"
         keeps "energy in slabs, to the tables' steps; not in clouds that end sideways";
+    SlabCollector Scattering "slab_collector" SLAB_DEVICES, None,
+        "orders from 2 on as in a level slab for each group of them, found by iteration: the mean of what lies under the part of the lit side through which almost all of a place's light came"
+        keeps "energy in slabs, to the tables' steps, and makes none in balls; neighbours may end in different slabs";
     Rayleigh Phase "rayleigh" Devices::Both, None,
         "molecules'"
         keeps "the integral over the sphere, as all";

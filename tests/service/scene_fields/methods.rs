@@ -20,6 +20,7 @@ fn methods_are_read_and_judged() {
         json!({ "scattering": "diffusion", "sun_occlusion": { "method": "beer_shadow_map", "side": 512 } }),
         json!({ "view_steps": { "steps": "by_optical_depth", "optical_depth": 0.25 }, "phase": { "function": "ice", "aspect_ratio": 2 } }),
         json!({ "scattering": "slab" }),
+        json!({ "scattering": "slab_collector" }),
         json!({ "sun_occlusion": { "method": "secondary_march", "steps": 8 }, "phase": { "function": "mie", "effective_radius_um": 9 } }),
         json!({ "view_sampling": "half_resolution" }),
         json!({ "phase": { "function": "double_henyey_greenstein", "forward_asymmetry": 0.9, "backward_asymmetry": -0.4, "forward_share": 0.8 } }),

@@ -277,7 +277,7 @@ pub(super) fn times(volume: &CloudVolume, settings: &ViewSettings, prepared: &mu
             match stage {
                 "march" => march = march.min(ms),
                 "sun_optical_depth" if by_grid => sun += ms,
-                "sun_map" | "diffusion" | "slab_fit" => sun += ms,
+                "sun_map" | "diffusion" | "slab_fit" | "slab_collector" => sun += ms,
                 _ => {}
             }
         });
@@ -379,12 +379,15 @@ mod tests {
                 // On cells of up to 1.3 optical depths, which isotropic scattering does not make less: the sun's light falls by half within the first.
                 ("diffusion", if row.asymmetry > 0.0 { 1.03 } else { 1.09 }),
                 ("slab", 1.05),
+                ("slab_collector", 1.05),
             ] {
                 assert!(of(name).in_all < most, "{name}: {row:?}");
             }
             // A slab is what slabs are fitted to; what is left are the tables' steps and the cloud's edge, smoothed over a level.
-            let ours = of("slab").reflected;
-            assert!((ours - row.discrete_ordinates).abs() < 0.04, "{row:?}");
+            for name in ["slab", "slab_collector"] {
+                let ours = of(name).reflected;
+                assert!((ours - row.discrete_ordinates).abs() < 0.04, "{name}: {row:?}");
+            }
             // What diffuses is near to the truth wherever a slab is thick.
             if row.optical_depth >= 16.0 {
                 let ours = of("diffusion").reflected;

@@ -7,7 +7,7 @@ use welkin_shaders::gpu::view_stages::ShapeGrid;
 use welkin_shaders::view::ViewSteps;
 
 /// Ways through cloud, each with octaves; none is single scattering.
-pub(super) const SCATTERINGS: [(Scattering, u32); 7] = [
+pub(super) const SCATTERINGS: [(Scattering, u32); 8] = [
     (Scattering::Octaves, 0),
     (Scattering::MultipleForward, 0),
     (Scattering::Octaves, 2),
@@ -15,6 +15,7 @@ pub(super) const SCATTERINGS: [(Scattering, u32); 7] = [
     (Scattering::Octaves, 8),
     (Scattering::Diffusion, 0),
     (Scattering::Slab, 0),
+    (Scattering::SlabCollector, 0),
 ];
 /// Ways to learn how much cloud lies towards the sun.
 const OCCLUSIONS: [SunOcclusion; 9] = [
@@ -49,6 +50,7 @@ pub(super) fn scattering_name((scattering, octaves): (Scattering, u32)) -> Strin
         (Scattering::MultipleForward, _) => "multiple_forward".to_owned(),
         (Scattering::Diffusion, _) => "diffusion".to_owned(),
         (Scattering::Slab, _) => "slab".to_owned(),
+        (Scattering::SlabCollector, _) => "slab_collector".to_owned(),
     }
 }
 
@@ -174,6 +176,7 @@ pub(super) fn bytes_of(ladder: &str, lighting: &Lighting, grid: &ShapeGrid) -> u
     match (ladder, lighting.scattering, lighting.sun_occlusion) {
         ("scattering", Scattering::Diffusion, _) => grid.fluence_bytes(),
         ("scattering", Scattering::Slab, _) => 2 * grid.word_bytes(),
+        ("scattering", Scattering::SlabCollector, _) => 8 * grid.word_bytes(),
         ("sun_occlusion", _, SunOcclusion::LightGrid) => grid.word_bytes() + grid.shadow_bytes(),
         ("sun_occlusion", _, SunOcclusion::ShadowMap { kind, side }) => {
             4 * kind.numbers() as u64 * u64::from(side).pow(2)

@@ -9,6 +9,7 @@ use welkin_shaders::cpu::light::phase_table::PhaseChoice;
 use welkin_shaders::cpu::light::sky_light::SkyLight;
 use welkin_shaders::cpu::light::sky_table::{SkySource, SkyTable};
 use welkin_shaders::cpu::light::sky_visibility::sky_visibility;
+use welkin_shaders::cpu::light::slab_collector::collected;
 use welkin_shaders::cpu::light::slab_fit::SlabFit;
 use welkin_shaders::cpu::light::sun_optical_depth::SunLight;
 use welkin_shaders::cpu::light::transmittance_table::TransmittanceTable;
@@ -193,9 +194,11 @@ pub(super) fn all(ways: &[(Scattering, u32)]) -> Vec<SlabRow> {
                 let phase = MarchPhase::new(one_lobe(*asymmetry), way.0, octaves);
                 let diffuse =
                     (way.0 == Scattering::Diffusion).then(|| Diffuse::new(&shape, &sun_light, false, phase.asymmetry));
-                let slab = (way.0 == Scattering::Slab)
-                    .then(|| SlabFit::new(&shape, false, sun, phase.asymmetry))
-                    .flatten();
+                let slab = match way.0 {
+                    Scattering::Slab => SlabFit::new(&shape, false, sun, phase.asymmetry),
+                    Scattering::SlabCollector => collected(&shape, false, sun, phase.asymmetry),
+                    _ => None,
+                };
                 let leaves = |from_above: bool| {
                     let mut flux = 0.0;
                     for [cosine, weight] in RULE {

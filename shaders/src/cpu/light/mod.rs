@@ -23,6 +23,7 @@ pub mod sky_light;
 pub mod sky_table;
 pub mod sky_visibility;
 mod slab_blocks;
+pub mod slab_collector;
 pub mod slab_fit;
 pub mod slab_photons;
 pub mod slab_tables;

@@ -12,6 +12,7 @@
 //! A file: two lines of text, the second a JSON object that says how it was made, then six bytes a node, `[asymmetry][sun][thickness][set][layer]`: log2 of the fluence
 //! (16 bits, little endian), the mean direction's two numbers (1/127 each), logarithms of the distance to where light came in and of its spread.
 
+use std::ops::Range;
 use std::sync::OnceLock;
 
 use super::slab_photons::{DEPTHS, NUMBERS, SETS, SlabCase, SlabStudy};
@@ -362,15 +363,15 @@ impl SlabSources {
         [length[0].exp2(), length[1].exp2()]
     }
 
-    /// What a unit of extinction scatters of all orders from 2 on, over the irradiance of the sun's beam, 1/sr, towards the direction that has these parts along
+    /// What a unit of extinction scatters of these groups of orders (from 2 on), over the irradiance of the sun's beam, 1/sr, towards the direction that has these parts along
     /// the slab's inward normal and along the beam's own part across it (its length the beam's sine).
     #[inline(always)]
-    pub(crate) fn towards(&self, slab: &Fitted, inward: Lanes, across: Lanes) -> Lanes {
+    pub(crate) fn towards(&self, slab: &Fitted, groups: Range<usize>, inward: Lanes, across: Lanes) -> Lanes {
         let place = self.place(slab);
         let sine_square = (Lanes::splat(1.0) - slab.sun_cosine * slab.sun_cosine).max(Lanes::splat(0.0));
         let mut sum = Lanes::splat(0.0);
         let second = 1.25 / std::f32::consts::PI * self.asymmetry * self.asymmetry;
-        for group in 0..GROUPS {
+        for group in groups {
             let light = self.group(&place, group);
             let square = light.across * light.across * sine_square + light.inward * light.inward;
             let along = light.across * across + light.inward * inward;
@@ -446,7 +447,7 @@ mod tests {
                     let azimuth = (l as f32 + 0.5) * std::f32::consts::TAU / around as f32;
                     (1.0 - inward * inward).sqrt() * azimuth.cos()
                 });
-                let more = sources.towards(&slab, Lanes::splat(inward), across * sine);
+                let more = sources.towards(&slab, 0..GROUPS, Lanes::splat(inward), across * sine);
                 let sum: f32 = more.0.iter().sum();
                 leaves[usize::from(inward > 0.0)] += f64::from(sum / around as f32 * std::f32::consts::TAU * out);
             }
@@ -492,7 +493,7 @@ mod tests {
                         sun_cosine: Lanes::splat(sun_cosine),
                     };
                     let inward = Lanes::from_fn(|l| l as f32 / 7.5 - 1.0);
-                    let light = sources.towards(&slab, inward, Lanes::splat(0.0));
+                    let light = sources.towards(&slab, 0..GROUPS, inward, Lanes::splat(0.0));
                     // A lobe of asymmetry 0.9 is 30 straight ahead, of light no more than some beams.
                     assert!(
                         light.0.iter().all(|v| (0.0..60.0).contains(v)),

@@ -31,6 +31,7 @@ use crate::cpu::light::phase_table::PhaseChoice;
 use crate::cpu::light::sky_light::SkyLight;
 use crate::cpu::light::sky_table::SkyTable;
 use crate::cpu::light::sky_visibility::sky_visibility;
+use crate::cpu::light::slab_collector::collected;
 use crate::cpu::light::slab_fit::SlabFit;
 use crate::cpu::light::stars::{StarField, StarTable};
 use crate::cpu::light::sun_map::SunMap;
@@ -39,7 +40,7 @@ use crate::cpu::light::transmittance_table::TransmittanceTable;
 pub use crate::view::{
     Detail, Ground, Lighting, MapKind, MoonPlace, Scattering, StarPlaces, SunOcclusion, ViewSampling, ViewSettings,
 };
-use crate::view::{DiffuseKey, LightKey, Look, PhaseKey, SkyKey, SunLightKey, SunMapKey, fingerprint};
+use crate::view::{DiffuseKey, LightKey, Look, PhaseKey, SkyKey, SlabKey, SunLightKey, SunMapKey, fingerprint};
 use detail_noise::DetailNoise;
 use haze::Haze;
 use lanes::Lanes;
@@ -64,7 +65,7 @@ pub struct Prepared {
     sun_light: Option<(SunLightKey, SunLight)>,
     sun_map: Option<(SunMapKey, SunMap)>,
     diffuse: Option<(DiffuseKey, Diffuse)>,
-    slab: Option<(DiffuseKey, Option<SlabFit>)>,
+    slab: Option<(SlabKey, Option<SlabFit>)>,
     samples: Samples,
 }
 
@@ -358,9 +359,14 @@ fn prepare(
         if let (Some(key), Some((_, phase))) = (look.slab_key(cloud_key), &prepared.phase)
             && prepared.slab.as_ref().is_none_or(|(k, _)| *k != key)
         {
-            let slab = SlabFit::new(&cloud.shape, key.1, key.2, phase.asymmetry);
-            prepared.slab = Some((key, slab));
-            after("slab_fit");
+            let (scattering, (_, carved, beam, _)) = key;
+            if scattering == Scattering::SlabCollector {
+                prepared.slab = Some((key, collected(&cloud.shape, carved, beam, phase.asymmetry)));
+                after("slab_collector");
+            } else {
+                prepared.slab = Some((key, SlabFit::new(&cloud.shape, carved, beam, phase.asymmetry)));
+                after("slab_fit");
+            }
         }
     }
     look
@@ -420,7 +426,7 @@ impl Prepared {
                 _ => None,
             },
             slab: match (look.lighting.scattering, &self.slab) {
-                (Scattering::Slab, Some((_, slab))) => slab.as_ref(),
+                (Scattering::Slab | Scattering::SlabCollector, Some((_, slab))) => slab.as_ref(),
                 _ => None,
             },
             sun_disc: transmittance.of_sun(height_m, sun[2]),
