@@ -124,7 +124,7 @@ modules! {
     "view/ground" constants [view_twins::ground::WGSL, light::sky_visibility::WGSL] structs [SkyLightValues::LAYOUT, ViewFrame::LAYOUT];
     "view/tone_map" constants [view_twins::tone_map::WGSL] structs [];
     "view/light_shafts" constants [view_twins::light_shafts::WGSL, light::sun_optical_depth::WGSL] structs [ViewFrame::LAYOUT, SkyLightValues::LAYOUT];
-    "view/march" constants [view_twins::march::WGSL, light::sun_optical_depth::WGSL, light::march_phase::WGSL, light::octave_shares::WGSL] structs [ViewFrame::LAYOUT, SkyLightValues::LAYOUT, MARCH_PHASE];
+    "view/march" constants [view_twins::march::WGSL, view_twins::cloud_light::WGSL, light::sun_optical_depth::WGSL, light::march_phase::WGSL, light::octave_shares::WGSL] structs [ViewFrame::LAYOUT, SkyLightValues::LAYOUT, MARCH_PHASE];
     "view/upsample" constants [view_twins::upsample::WGSL] structs [Sampling::LAYOUT];
     "view/reproject" constants [view_twins::reproject::WGSL, light::atmosphere::WGSL] structs [Recall::LAYOUT];
     "view/impostors" constants [view_twins::impostors::WGSL, view_twins::upsample::WGSL] structs [FarClouds::LAYOUT];

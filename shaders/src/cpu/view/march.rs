@@ -17,25 +17,23 @@
 
 use multiversion::multiversion;
 
+use super::cloud_light::Noted;
 use super::detail_noise::DetailNoise;
 use super::ground::Ground;
 use super::haze::Haze;
 use super::lanes::{LANES, Lanes};
-use super::shape::{CARVE_EDGE, Shape, trilinear};
+use super::shape::{CARVE_EDGE, Shape};
 use super::{ground, light_shafts, tone_map};
 use crate::cpu::light::atmosphere::EARTH_RADIUS_M;
 use crate::cpu::light::diffusion::Diffuse;
 use crate::cpu::light::march_phase::MarchPhase;
 use crate::cpu::light::moon::MoonDisc;
-use crate::cpu::light::octave_shares::{
-    LEVEL_DEPTH, LEVEL_FROM, LEVEL_OVER, LEVEL_RESISTANCE, OCTAVE_SHARE_NODES, TURNED_SHARE,
-};
 use crate::cpu::light::sky_light::SkyLight;
 use crate::cpu::light::sky_table::SkyTable;
 use crate::cpu::light::slab_fit::SlabFit;
 use crate::cpu::light::stars::StarField;
 use crate::cpu::light::sun_map::SunMap;
-use crate::cpu::light::sun_optical_depth::{DEPTH_UNIT, SUN_MARCH_REACH_M, SunLight, marched_direction};
+use crate::cpu::light::sun_optical_depth::SunLight;
 use crate::cpu::light::transmittance_table::SUN_ANGULAR_RADIUS;
 use crate::view::FrameDetail;
 
@@ -49,18 +47,8 @@ crate::constants! {
     const DRAW_FADES_FROM_M: f32 = 36_000.0;
     /// Rays stop here even when nothing is met, m.
     pub(crate) const SKY_DISTANCE_M: f32 = 300_000.0;
-    /// Distances of the two finer steps towards the sun and their lengths, m.
-    const FINE_FIRST_M: f32 = 18.0;
-    const FINE_FIRST_LENGTH_M: f32 = 36.0;
-    const FINE_SECOND_M: f32 = 63.0;
-    const FINE_SECOND_LENGTH_M: f32 = 54.0;
-    /// Fine steps are left out beyond the first distance, m, and fade over the second.
-    const FINE_REACH_M: f32 = 7_000.0;
-    const FINE_FADE_M: f32 = 1_000.0;
-    /// Fine steps are left out below this transmittance, and are whole at twice as much.
-    const FINE_DIMMED: f32 = 0.25;
     /// Small billows are looked up a second time, smaller, nearer than this, m.
-    const NEAR_DETAIL_M: f32 = 3_500.0;
+    pub(super) const NEAR_DETAIL_M: f32 = 3_500.0;
     /// How much smaller, and the share in the edge's push of its large and small billows.
     const DETAIL_FINER: f32 = 4.3;
     pub(crate) const DETAIL_FINE: f32 = 0.36;
@@ -88,8 +76,6 @@ crate::constants! {
     /// Share of light each octave keeps, and of asymmetry.
     pub(crate) const OCTAVE_CONTRIBUTION: f32 = 0.68;
     pub(crate) const OCTAVE_ECCENTRICITY: f32 = 0.75;
-    /// Share of the ground's light that clouds can take by their shadow.
-    const COVERED_GROUND: f32 = 0.6;
     /// Width of the sun's edge, pixels.
     pub(crate) const SUN_EDGE_PIXELS: f32 = 0.7;
     /// Interleaved gradient noise (Jimenez 2014).
@@ -99,12 +85,6 @@ crate::constants! {
 }
 /// The most that the noise can push the edge, a unit of [`FrameDetail::push`]: every billow half its range above the mean.
 const PUSH_MOST: f32 = 0.5 * (1.0 + DETAIL_SMALL + DETAIL_FINE + DETAIL_FINEST);
-/// The two finer steps: distance and length, m.
-const FINE_STEPS_M: [[f32; 2]; 2] = [
-    [FINE_FIRST_M, FINE_FIRST_LENGTH_M],
-    [FINE_SECOND_M, FINE_SECOND_LENGTH_M],
-];
-
 /// What tells how much cloud lies towards the sun.
 #[derive(Clone, Copy, Debug)]
 pub enum Occlusion<'a> {
@@ -592,7 +572,6 @@ fn march<const LIMITED: bool>(
         d,
         curve,
         end: ground_at,
-        turn,
         pattern,
         ..
     } = *rays;
@@ -611,27 +590,9 @@ fn march<const LIMITED: bool>(
     if !(end - first).any_above(0.0) {
         return met;
     }
-    // Light that was scattered once has colours, what was scattered further the colours' mean.
-    let mut once = [zero; 3];
-    let mut phases = [zero; OCTAVES_MAX + 1];
-    for l in 0..LANES {
-        let first = frame.phase.first(turn.0[l]);
-        for c in 0..3 {
-            once[c].0[l] = first[c];
-        }
-        for (octave, phase) in phases.iter_mut().enumerate().take(frame.octaves + 1) {
-            phase.0[l] = frame.phase.octave(octave, turn.0[l]);
-        }
-    }
-    let slowest = -std::f32::consts::LOG2_E * frame.phase.depth_scale * 0.5f32.powi(frame.octaves as i32);
-    let sun = marched_direction(frame.beam_direction);
-    let shares = frame.phase.level_shares();
-    let per_depth = 1.0 / (shape.top_m - shape.bottom_m);
-
     let mut through = one;
-    let (mut once_base, mut once_rise) = (zero, zero);
-    let (mut sun_base, mut sun_rise, mut from_sky, mut from_ground) = (zero, zero, zero, zero);
     let (mut distance, mut weights) = (zero, zero);
+    let mut noted = Noted::new();
     let (depth_of_step, segments) = frame.steps;
     // Logarithmic segments: where cloud was met first, and by which share of the way from there they grow.
     let (mut met_at, mut growth) = (Lanes::splat(f32::MAX), zero);
@@ -676,63 +637,10 @@ fn march<const LIMITED: bool>(
                 step = Lanes::select_less(zero, extinction, bounded, step);
             }
             if extinction.any_above(0.0) {
-                let mut depth = zero;
-                let mut at = p;
-                let by_grid = matches!(frame.occlusion, Occlusion::Grid);
-                let lit = Lanes::select_less(zero, extinction, through, zero);
-                if by_grid && close < FINE_REACH_M && lit.any_above(FINE_DIMMED) {
-                    // Faded by what the ray itself has met, so that it does not matter which rays share its packet.
-                    let undimmed = ((through - FINE_DIMMED) * (1.0 / FINE_DIMMED)).clamp(0.0, 1.0);
-                    let fade =
-                        (Lanes::splat(FINE_REACH_M) - t).clamp(0.0, FINE_FADE_M) * (1.0 / FINE_FADE_M) * undimmed;
-                    let mut covered = 0.0;
-                    for [reach, length] in FINE_STEPS_M {
-                        let q = [p[0] + sun[0] * reach, p[1] + sun[1] * reach, p[2] + sun[2] * reach];
-                        depth = depth + self::extinction(frame, shape, &q, t, NEAR_DETAIL_M) * length;
-                        covered += length;
-                    }
-                    depth = depth * fade;
-                    for a in 0..3 {
-                        at[a] = p[a] + fade * (covered * sun[a]);
-                    }
-                }
-                let (index, f) = shape.place(at[0], at[1], at[2]);
-                let corners = shape.corners(&sun_light.words, index);
-                depth = match frame.occlusion {
-                    Occlusion::Grid => depth + trilinear(&corners, 0, 0xffff, &f) * DEPTH_UNIT,
-                    Occlusion::Steps(steps) => secondary_march(frame, shape, &p, &sun, steps, t),
-                    Occlusion::Map(map) => map.optical_depth(p[0], p[1], p[2]),
-                };
-                let sky_seen = trilinear(&corners, 16, 0xff, &f) * (1.0 / 255.0);
-                let ground_seen = trilinear(&corners, 24, 0xff, &f) * (1.0 / 255.0);
-                // The last octave's transmittance; squaring gives the one before.
-                let mut passed = (depth * slowest).exp2();
-                let mut scattered = zero;
-                for octave in (1..=frame.octaves).rev() {
-                    scattered = scattered + phases[octave] * passed;
-                    passed = passed * passed;
-                }
-                let passage = passage(sky_seen, ground_seen);
-                if let Some(diffuse) = frame.diffuse {
-                    let fluence = diffuse.towards(shape, &p, &d, frame.detail.is_some());
-                    scattered = (scattered + phases[0] * passed).max(zero) + fluence * (0.25 / std::f32::consts::PI);
-                }
-                if frame.octaves > 0 {
-                    scattered = scattered * level_share(shares, sun[2], depth, sky_seen, passage);
-                }
-                if let Some(slab) = frame.slab {
-                    scattered = slab.towards(shape, &p, &d, depth, turn);
-                }
                 let length = if LIMITED { step.min(limit_m - begun) } else { step };
                 let kept = (extinction * length * -std::f32::consts::LOG2_E).exp2();
                 let share = through * (one - kept);
-                let height = ((p[2] - shape.bottom_m) * per_depth).clamp(0.0, 1.0);
-                once_base = once_base + share * passed;
-                once_rise = once_rise + share * passed * height;
-                sun_base = sun_base + share * scattered;
-                sun_rise = sun_rise + share * scattered * height;
-                from_sky = from_sky + share * diffuse_share(passage, ground_seen);
-                from_ground = from_ground + share * diffuse_share(passage, sky_seen);
+                noted.add(frame, (shape, sun_light), rays, t, through, share);
                 distance = distance + share * t;
                 weights = weights + share;
                 through = through * kept;
@@ -742,69 +650,11 @@ fn march<const LIMITED: bool>(
         let leap = Lanes::select_less(zero, empty, step.max(empty), step);
         place = (advanced + leap).min(Lanes::splat(2.0 * DRAW_DISTANCE_M));
     }
-    let light = frame.light;
-    for c in 0..3 {
-        met.light[c] = (once_base * once[c] + sun_base) * light.sun_at_base[c]
-            + (once_rise * once[c] + sun_rise) * (light.sun_at_top[c] - light.sun_at_base[c])
-            + from_sky * light.sky_radiance[c]
-            + from_ground
-                * (light.ground_radiance[c] * (1.0 - COVERED_GROUND + COVERED_GROUND * sun_light.sunlit_share));
-    }
+    met.light = noted.light(frame, (shape, sun_light), rays);
     // Divided, so that a ray that met nothing keeps exactly 1 and costs no haze.
     met.through = ((through - MARCH_THROUGH_END) / Lanes::splat(1.0 - MARCH_THROUGH_END)).clamp(0.0, 1.0);
     met.distance_m = distance / weights.max(Lanes::splat(1e-6));
     met
-}
-
-/// Share of diffuse light that passes the cloud from top to bottom where the shares `sky` and `ground` of it come from above and from below: resistances in series.
-#[inline(always)]
-fn passage(sky: Lanes, ground: Lanes) -> Lanes {
-    sky * ground / (sky + ground - sky * ground).max(Lanes::splat(1e-6))
-}
-
-/// What light that is even on one side of the cloud brings a place, over its radiance; `other` is the share that comes from the other side. Two streams without absorption: the share that passes
-/// goes down from place to place, all else turns back. Both sides together bring 1, so that light that is the same everywhere stays so.
-#[inline(always)]
-fn diffuse_share(passage: Lanes, other: Lanes) -> Lanes {
-    passage * (Lanes::splat(1.0) / other.max(Lanes::splat(1e-3)) - 0.5)
-}
-
-/// Factor on light behind the first scattering at places `depth` behind the cloud's surface towards the sun, where the share `sky` of diffuse light comes from above and the share `passage` passes the cloud; see
-/// [`crate::cpu::light::octave_shares`].
-#[inline(always)]
-fn level_share(shares: &[f32], sun: f32, depth: Lanes, sky: Lanes, passage: Lanes) -> Lanes {
-    let last = (OCTAVE_SHARE_NODES - 1) as f32;
-    let one = Lanes::splat(1.0);
-    let above = (one / sky.max(Lanes::splat(1e-3)) - 1.0) * (1.0 / LEVEL_RESISTANCE);
-    let cosine = ((above + LEVEL_DEPTH * sun) / (depth + LEVEL_DEPTH)).clamp(sun, 1.0);
-    let known = ((Lanes::splat(LEVEL_FROM) - depth) * (TURNED_SHARE / LEVEL_OVER)).clamp(0.0, TURNED_SHARE);
-    let cosine = (cosine - sun) * known + sun;
-    let (row, between) = (cosine * last).clamp(0.0, last - 1e-3).split();
-    let (node, rest) = (passage * last).clamp(0.0, last - 1e-3).split();
-    let mut at = node;
-    for l in 0..LANES {
-        at.0[l] += row.0[l] * OCTAVE_SHARE_NODES as u32;
-    }
-    let look = |offset: u32| at.plus(offset).gather_f32(shares);
-    let next = OCTAVE_SHARE_NODES as u32;
-    look(0)
-        .lerp(look(1), rest)
-        .lerp(look(next).lerp(look(next + 1), rest), between)
-}
-
-/// Optical depth from `p` towards the sun by a march of `steps` steps, each longer than the one before by the same length; midpoint rule.
-#[inline(always)]
-fn secondary_march(frame: &Frame<'_>, shape: &Shape, p: &[Lanes; 3], sun: &[f32; 3], steps: u32, t: Lanes) -> Lanes {
-    let reach = ((Lanes::splat(shape.top_m) - p[2]) * (1.0 / sun[2])).clamp(0.0, SUN_MARCH_REACH_M);
-    let unit = reach * (1.0 / (steps * steps) as f32);
-    let mut depth = Lanes::splat(0.0);
-    for n in 0..steps {
-        let n = n as f32;
-        let at = unit * (n * n + n + 0.5);
-        let q = [p[0] + at * sun[0], p[1] + at * sun[1], p[2] + at * sun[2]];
-        depth = depth + extinction(frame, shape, &q, t, NEAR_DETAIL_M) * unit * (2.0 * n + 1.0);
-    }
-    depth
 }
 
 /// Length of a step in cloud at distance `t`, m.
@@ -854,7 +704,7 @@ fn roots(rise: Lanes, curve: Lanes, gap: f32) -> (Lanes, Lanes, Lanes) {
 
 /// Extinction with detail, 1/m.
 #[inline(always)]
-fn extinction(frame: &Frame<'_>, shape: &Shape, p: &[Lanes; 3], t: Lanes, close_m: f32) -> Lanes {
+pub(super) fn extinction(frame: &Frame<'_>, shape: &Shape, p: &[Lanes; 3], t: Lanes, close_m: f32) -> Lanes {
     detailed_extinction(shape, frame.noise, frame.detail, p, t, close_m)
 }
 

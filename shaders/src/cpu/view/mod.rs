@@ -4,6 +4,7 @@
 //! with `ground`, `haze`, `light_shafts` and `tone_map`, or for fewer pixels with `upsample` or `reproject`. Tables are kept in [`Prepared`] and made again only when what they depend on changes.
 //! The same input gives the same bytes whatever the number of threads.
 
+pub mod cloud_light;
 pub mod detail_noise;
 pub mod ground;
 pub mod haze;
