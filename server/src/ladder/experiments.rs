@@ -1,17 +1,17 @@
 //! The seeds' experiments on what a picture costs, with our curves and whether their conclusions hold here.
 //!
 //! Seed 001 compares four ways to learn how much cloud lies towards the sun: a secondary march and an exponential, a Beer and a Fourier map, by the maps' size, the number of samples,
-//! the size of the picture and how much of it is cloud. Seed 000 plots frames a second against the segments of a ray. Ours run on the CPU, theirs on GPUs of 2022 and 2009:
+//! the size of the picture and how much of it is cloud. Seed 004 skips empty space, so that the domain's size should matter little. Seed 000 plots frames a second against the segments of a ray. Ours run on the CPU, theirs on GPUs of 2022 and 2009:
 //! what is compared is who is cheaper where and how costs grow, not milliseconds.
 
 use serde::Serialize;
-use welkin_shaders::CloudVolume;
 use welkin_shaders::cpu::view::{MapKind, Prepared, SunOcclusion, ViewSettings, radiance, render};
 use welkin_shaders::view::ViewSteps;
+use welkin_shaders::{CloudVolume, Grid};
 
 use super::LadderError;
 use super::light::{self, map, occluded, occlusion_name, times};
-use crate::clouds::{cumulus_field, settings};
+use crate::clouds::{self, cumulus_field, settings};
 use crate::plot::{self, Chart, Panel, PlotError, Series};
 
 /// How the experiments are to be run.
@@ -154,7 +154,7 @@ pub fn experiments(conditions: &Conditions) -> Result<Experiments, LadderError> 
         conditions,
         prepared: Prepared::new(),
         done: 0,
-        all: if conditions.quick { 36 } else { 105 },
+        all: if conditions.quick { 38 } else { 108 },
     };
     Ok(Experiments {
         version: env!("CARGO_PKG_VERSION"),
@@ -165,6 +165,7 @@ pub fn experiments(conditions: &Conditions) -> Result<Experiments, LadderError> 
             map_sizes(&mut run)?,
             samples(&mut run)?,
             picture_sizes(&mut run)?,
+            domain_sizes(&mut run)?,
             coverage(&mut run)?,
             segments(&mut run)?,
         ],
@@ -390,6 +391,54 @@ fn picture_sizes(run: &mut Run) -> Result<Experiment, LadderError> {
         size: None,
         curves,
         findings,
+    })
+}
+
+/// The same sky in a domain of `times` x `times` as many columns.
+fn tiled(volume: &CloudVolume, times: usize) -> CloudVolume {
+    let [nx, ny, nz] = volume.grid.cells;
+    let grid = Grid {
+        cells: [nx * times, ny * times, nz],
+        ..volume.grid
+    };
+    let cells = (0..grid.len()).map(|n| {
+        let [i, j, k] = [n % (nx * times), n / (nx * times) % (ny * times), n / grid.plane()];
+        volume.extinction_per_m[volume.grid.index(i % nx, j % ny, k)]
+    });
+    clouds::volume(grid, cells.collect())
+}
+
+fn domain_sizes(run: &mut Run) -> Result<Experiment, LadderError> {
+    let one = cumulus_field(7, 12);
+    let size = usual_size(run);
+    let times: &[usize] = if run.conditions.quick { &[1, 2] } else { &[1, 2, 4] };
+    let mut points = Vec::new();
+    for times in times {
+        let volume = tiled(&one, *times);
+        points.push(run.point(&volume, &looking_up(size), volume.grid.len() as f64)?);
+    }
+    let (first, last) = (points[0], points[points.len() - 1]);
+    let [cells, march, tick] = [
+        last.at / first.at,
+        last.march_ms / first.march_ms,
+        last.tick_ms / first.tick_ms.max(1e-3),
+    ];
+    Ok(Experiment {
+        name: "domain size",
+        axis: "cells",
+        size: Some(size),
+        curves: vec![Curve {
+            method: occlusion_name(SunOcclusion::LightGrid),
+            points,
+        }],
+        findings: vec![Finding {
+            seed: "004",
+            says: "where empty space is skipped a picture's time grows less than the domain",
+            holds: march < 0.5 * cells,
+            here: format!(
+                "{cells:.0} times the cells take {march:.2} times the march, {tick:.1} times what a tick needs"
+            ),
+        }],
     })
 }
 
@@ -646,7 +695,7 @@ mod tests {
             progress: &|_, _| true,
         };
         let report = experiments(&conditions).unwrap();
-        assert_eq!(report.experiments.len(), 5);
+        assert_eq!(report.experiments.len(), 6);
         for experiment in &report.experiments {
             assert!(!experiment.findings.is_empty());
             for curve in &experiment.curves {
@@ -665,7 +714,8 @@ mod tests {
             let points = &experiment.curves[0].points;
             assert!(points[0].error > points[points.len() - 1].error, "{name}: {points:?}");
         }
-        let cover = &report.experiments[3].curves[0].points;
+        let cover = report.experiments.iter().find(|e| e.name == "coverage").unwrap();
+        let cover = &cover.curves[0].points;
         assert!(cover[0].at < 40.0 && cover[cover.len() - 1].at > 80.0, "{cover:?}");
         assert!(text(&report).contains("seed 000"));
         assert!(png(&report).unwrap().len() > 10_000);

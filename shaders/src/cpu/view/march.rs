@@ -14,6 +14,7 @@
 //! gathers of 16 lanes at 20 cycles and 900 vector operations at 2 a cycle, 1400 cycles a packet; a 640x360 picture is 14,400 packets
 //! of some 20 samples, 4e8 cycles or 50 ms on two cores at 4 GHz. Measured on such a machine: 200 to 340 ms of processor time for views
 //! filled with cloud, so two to three times the floor: the compiler loads the lanes' words one by one and spills some packets.
+//! Light is made apart from the way ([`super::cloud_light`]), so that lanes whose rays are in no cloud cost none: 0.7 of the time that both took together for a broken field, 0.97 for a view filled with cloud.
 
 use multiversion::multiversion;
 

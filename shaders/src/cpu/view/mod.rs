@@ -1,6 +1,6 @@
 //! Pictures on the CPU device: from a cloud volume and a camera to RGB bytes.
 //!
-//! Stages in order: `shape` with `occupancy`, `detail_noise`, the light stages of [`crate::cpu::light`], then for each packet of rays `march`
+//! Stages in order: `shape` with `occupancy`, `detail_noise`, the light stages of [`crate::cpu::light`], then for each packet of rays `march` (its light is in [`cloud_light`])
 //! with `ground`, `haze`, `light_shafts` and `tone_map`, or for fewer pixels with `upsample` or `reproject`. Tables are kept in [`Prepared`] and made again only when what they depend on changes.
 //! The same input gives the same bytes whatever the number of threads.
 
