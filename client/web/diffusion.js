@@ -45,7 +45,7 @@ function hierarchy(grid, kernels) {
 }
 
 /**
- * Numbers of the fluence: one a cell, with one more on each side in x and y.
+ * Words of fluence and flux: one a cell, with one more on each side in x and y.
  * @param {Record<string, number>} grid members of `ShapeGrid`
  */
 export const fluenceNumbers = (grid) => (grid.cells_x + 2) * (grid.cells_y + 2) * grid.levels;
@@ -123,7 +123,7 @@ export class Diffusion {
   }
 
   /**
-   * Records the stage; the fluence goes behind the shadow map.
+   * Records the stage; fluence and flux go behind the shadow map.
    * @param {GPUComputePassEncoder} pass
    * @param {Record<string, number>} grid members of `ShapeGrid`
    * @param {Values} light `carved` and `similarity`
@@ -171,6 +171,7 @@ export class Diffusion {
     for (let n = 0; n < kernels.constant("DIFFUSION_CYCLES"); n++) {
       cycle(0, true);
     }
+    step("diffusion_flow", finest.first, finest.cells);
     const [x, y, z] = finest.cells;
     step("diffusion_surface", finest.first, [x + 2, y + 2, z]);
   }

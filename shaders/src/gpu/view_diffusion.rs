@@ -57,6 +57,7 @@ pub(super) struct DiffusionKernels {
     take_up: LateKernel,
     bottom: LateKernel,
     add: LateKernel,
+    flow: LateKernel,
     surface: LateKernel,
 }
 
@@ -71,6 +72,7 @@ impl DiffusionKernels {
             take_up: LateKernel::new("diffusion_take_up"),
             bottom: LateKernel::new("diffusion_bottom"),
             add: LateKernel::new("diffusion_add"),
+            flow: LateKernel::new("diffusion_flow"),
             surface: LateKernel::new("diffusion_surface"),
         }
     }
@@ -131,7 +133,7 @@ impl ViewStages {
         Self::diffusion_cells(grid) * DIFFUSION_PLANES as u64 * 4
     }
 
-    /// Stage `diffusion`; `cloud` is the shape, the occupancy and the light, `scratch` two buffers of [`ViewStages::diffusion_bytes`]. The fluence goes behind the shadow map.
+    /// Stage `diffusion`; `cloud` is the shape, the occupancy and the light, `scratch` two buffers of [`ViewStages::diffusion_bytes`]. Fluence and flux go behind the shadow map.
     pub fn diffusion(
         &self,
         grid: &ShapeGrid,
@@ -145,9 +147,9 @@ impl ViewStages {
         let k = &self.diffusion;
         let [sources, conduct, join] = [&k.sources, &k.conduct, &k.join].map(|k| k.get(c));
         let [sweep, leave_over, take_up] = [&k.sweep, &k.leave_over, &k.take_up].map(|k| k.get(c));
-        let [bottom, add, surface] = [&k.bottom, &k.add, &k.surface].map(|k| k.get(c));
+        let [bottom, add, flow, surface] = [&k.bottom, &k.add, &k.flow, &k.surface].map(|k| k.get(c));
         let (sources, conduct, join, sweep, leave_over) = (sources?, conduct?, join?, sweep?, leave_over?);
-        let (take_up, bottom, add, surface) = (take_up?, bottom?, add?, surface?);
+        let (take_up, bottom, add, flow, surface) = (take_up?, bottom?, add?, flow?, surface?);
         let mut told = Vec::new();
         let grids = hierarchy(grid);
         let total = Self::diffusion_cells(grid) as u32;
@@ -221,6 +223,7 @@ impl ViewStages {
                     run(kernel, by, cells);
                 });
             }
+            run(flow, &finest.first, finest.cells);
             let [x, y, z] = finest.cells;
             run(surface, &finest.first, [x + 2, y + 2, z]);
         })

@@ -103,6 +103,7 @@ kernels! {
     "diffusion_take_up" "light/diffusion" "take_up" DIFFUSION;
     "diffusion_bottom" "light/diffusion" "bottom" DIFFUSION;
     "diffusion_add" "light/diffusion" "add" DIFFUSION;
+    "diffusion_flow" "light/diffusion" "flow" DIFFUSION;
     "diffusion_surface" "light/diffusion" "surface" DIFFUSION;
 }
 

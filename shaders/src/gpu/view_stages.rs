@@ -430,7 +430,7 @@ impl ShapeGrid {
     pub fn word_bytes(&self) -> u64 {
         self.stride_x as u64 * self.stride_y as u64 * self.points_z as u64 * 4
     }
-    /// Bytes of the diffuse light: a number a cell, with one more on each side in x and y.
+    /// Bytes of the diffuse light: a word a cell, with one more on each side in x and y.
     pub fn fluence_bytes(&self) -> u64 {
         (self.cells_x as u64 + 2) * (self.cells_y as u64 + 2) * self.levels as u64 * 4
     }

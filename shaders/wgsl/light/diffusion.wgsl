@@ -1,6 +1,6 @@
 //! use shared/shape
 //! use shared/light_words
-// Stage `diffusion`: the fluence of sunlight that cloud has scattered often. The twins are cpu/light/diffusion.rs (`sources`, `conduct`, `surface`) and
+// Stage `diffusion`: the fluence of sunlight that cloud has scattered often. The twins are cpu/light/diffusion.rs (`sources`, `conduct`, `flow`, `surface`) and
 // cpu/light/diffusion_grids.rs (the others, a grid's step each).
 //
 // Numbers of all grids lie in planes one after the other: the finest grid's cells first, then the next one's.
@@ -10,10 +10,10 @@
 @group(0) @binding(2) var<storage, read> shape_words: array<u32>;
 @group(0) @binding(3) var<storage, read> occupancy_words: array<u32>;
 @group(0) @binding(4) var<storage, read> light_words: array<u32>;
-// Conductances to the next cell east, north and up, and to the outside.
+// Conductances to the next cell east, north and up, and to the outside; at the end -3 F and the fluence at cells' centres.
 @group(0) @binding(5) var<storage, read_write> conductance: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read_write> numbers: array<f32>;
-// The shadow map and the share behind it, and behind that the fluence.
+// The shadow map and the share behind it, and behind that fluence and flux, packed.
 @group(0) @binding(7) var<storage, read_write> shadow: array<f32>;
 
 // Planes of `numbers`.
@@ -246,7 +246,69 @@ fn add(@builtin(global_invocation_id) id: vec3<u32>) {
     numbers[place_of(FLUENCE, cell(id.x, id.y, id.z))] += numbers[place_of(FLUENCE, other_cell(above.x, above.y, above.z))];
 }
 
-/// The fluence as it is looked up: one more cell on each side in x and y, and in empty cells beside cloud what that inside and at the surface lead to.
+/// What goes into a cell through its face to another, over the face's area.
+fn through_face(here: f32, fluence: f32, other: vec3<u32>, size_m: f32) -> f32 {
+    let half = half_resistance(here, size_m);
+    let thick = transport(other.x, other.y, other.z);
+    if (thick > 0.0) {
+        return (fluence_at(other) - fluence) / (half + half_resistance(thick, size_m));
+    }
+    return -fluence / (half + DIFFUSION_SURFACE_RESISTANCE);
+}
+
+fn fluence_at(id: vec3<u32>) -> f32 {
+    return max(numbers[place_of(FLUENCE, cell(id.x, id.y, id.z))], 0.0);
+}
+
+/// -3 F in a cell, the mean of what passes both faces across each axis, and the fluence at its centre; in place of the conductances, which have served.
+@compute @workgroup_size(32, 2, 2)
+fn flow(@builtin(global_invocation_id) id: vec3<u32>) {
+    if (beyond(id)) {
+        return;
+    }
+    let here = transport(id.x, id.y, id.z);
+    let fluence = fluence_at(id);
+    // Through the face after and the one before along each axis.
+    var after = vec3<f32>(0.0);
+    var before = vec3<f32>(0.0);
+    var centre = fluence;
+    if (here > 0.0) {
+        let size = vec3<f32>(grid.cell_size_x_m, grid.cell_size_y_m, grid.cell_size_z_m);
+        if (grid.cells_x > 1u) {
+            after.x = through_face(here, fluence, vec3<u32>((id.x + 1u) % grid.cells_x, id.yz), size.x);
+            before.x = through_face(here, fluence, vec3<u32>((id.x + grid.cells_x - 1u) % grid.cells_x, id.yz), size.x);
+        }
+        if (grid.cells_y > 1u) {
+            after.y = through_face(here, fluence, vec3<u32>(id.x, (id.y + 1u) % grid.cells_y, id.z), size.y);
+            before.y = through_face(here, fluence, vec3<u32>(id.x, (id.y + grid.cells_y - 1u) % grid.cells_y, id.z), size.y);
+        }
+        // Under the ground and above the lid nothing is.
+        let out = -fluence / (half_resistance(here, size.z) + DIFFUSION_SURFACE_RESISTANCE);
+        after.z = out;
+        before.z = out;
+        if (id.z + 1u < grid.levels) {
+            after.z = through_face(here, fluence, id + vec3<u32>(0u, 0u, 1u), size.z);
+        }
+        if (id.z > 0u) {
+            before.z = through_face(here, fluence, id - vec3<u32>(0u, 0u, 1u), size.z);
+        }
+        let half = vec3<f32>(half_resistance(here, size.x), half_resistance(here, size.y), half_resistance(here, size.z));
+        centre = max(fluence + SOURCE_NEARER * dot(half, after + before), 0.0);
+    }
+    conductance[cell(id.x, id.y, id.z)] = vec4<f32>(1.5 * (after - before), centre);
+}
+
+/// -3 F and the fluence, packed.
+fn packed(flow: vec4<f32>) -> u32 {
+    let most = FLUX_OUTWARD / max(sqrt(flow.x * flow.x + flow.y * flow.y + flow.z * flow.z), 1e-20);
+    let scale = min(1.0 / max(flow.w, 1e-9), most) * (f32(FLUX_CODES) / FLUX_OUTWARD);
+    let codes = vec3<u32>(flow.xyz * scale + (f32(FLUX_NONE) + 0.5));
+    let bits = bitcast<u32>(min(flow.w, FLUENCE_MOST) + FLUENCE_LEAST) - FLUENCE_LEAST_BITS;
+    let fluence = (bits + (1u << (FLUENCE_DROPPED_BITS - 1u))) >> FLUENCE_DROPPED_BITS;
+    return fluence | (codes.x << 10u) | (codes.y << 17u) | (codes.z << 24u);
+}
+
+/// Fluence and flux as they are looked up: one more cell on each side in x and y, and in cells beside cloud what is at their neighbours' surface.
 @compute @workgroup_size(32, 2, 2)
 fn surface(@builtin(global_invocation_id) id: vec3<u32>) {
     let stride = vec2<u32>(grid.cells_x, grid.cells_y) + 2u;
@@ -258,9 +320,9 @@ fn surface(@builtin(global_invocation_id) id: vec3<u32>) {
     let y = (id.y + grid.cells_y - 1u) % grid.cells_y;
     let mean_m = (grid.cell_size_x_m + grid.cell_size_y_m + grid.cell_size_z_m) / 3.0;
     let own = substance(transport(x, y, id.z), mean_m);
-    var fluence = max(numbers[place_of(FLUENCE, cell(x, y, id.z))], 0.0);
+    var flow = conductance[cell(x, y, id.z)];
     if (own < 1.0) {
-        var sum = 0.0;
+        var sum = vec4<f32>(0.0);
         var weights = 0.0;
         for (var c = 0u; c < 27u; c++) {
             let level = id.z + c / 9u;
@@ -270,16 +332,19 @@ fn surface(@builtin(global_invocation_id) id: vec3<u32>) {
             let n = cell((x + grid.cells_x + c % 3u - 1u) % grid.cells_x, (y + grid.cells_y + c / 3u % 3u - 1u) % grid.cells_y, level - 1u);
             let thick = numbers[place_of(TRANSPORT, n)];
             if (thick > 0.0 && c != 13u) {
-                // At the surface it is 2 / (2 + half) of the cell's; as far again behind it, straight on.
+                // Behind the surface light meets nothing more: the fluence is the surface's.
                 let half = half_resistance(thick, mean_m);
                 let middle = vec3<u32>(c % 3u, c / 3u % 3u, c / 9u) == vec3<u32>(1u);
                 let near = select(vec3<f32>(1.0), vec3<f32>(SURFACE_MIDDLE), middle);
                 let weight = near.x * near.y * near.z * substance(thick, mean_m);
-                sum += weight * max(numbers[place_of(FLUENCE, n)], 0.0) * max((DIFFUSION_SURFACE_RESISTANCE - half) / (DIFFUSION_SURFACE_RESISTANCE + half), 0.0);
+                let kept = DIFFUSION_SURFACE_RESISTANCE / (DIFFUSION_SURFACE_RESISTANCE + half);
+                sum += weight * vec4<f32>(1.0, 1.0, 1.0, kept) * conductance[n];
                 weights += weight;
             }
         }
-        fluence = select(fluence, own * fluence + (1.0 - own) * sum / weights, weights > 0.0);
+        if (weights > 0.0) {
+            flow = own * flow + ((1.0 - own) / weights) * sum;
+        }
     }
-    shadow[shape.stride_x * shape.stride_y + 1u + (id.z * stride.y + id.y) * stride.x + id.x] = fluence;
+    shadow[shape.stride_x * shape.stride_y + 1u + (id.z * stride.y + id.y) * stride.x + id.x] = bitcast<f32>(packed(flow));
 }

@@ -322,16 +322,22 @@ pub(super) fn diffusion(bench: &mut Bench) -> Vec<Pair> {
                 )
                 .unwrap();
             let before = grid.shadow_bytes() as usize / 4;
-            let all = bench.floats(&shadow, before + cpu.fluence.len());
+            let all = bench.words(&shadow, before + cpu.words.len());
             assert!(
-                all[..before].iter().all(|v| v.is_nan()),
+                all[..before].iter().all(|v| f32::from_bits(*v).is_nan()),
                 "the shadow map is another stage's"
             );
-            Pair {
-                what: format!("cells {:?}, carved {carved}, asymmetry {asymmetry}", slab.cells),
-                gpu: all[before..].to_vec(),
-                cpu: cpu.fluence,
-            }
+            let what = format!("cells {:?}, carved {carved}, asymmetry {asymmetry}", slab.cells);
+            // Fluence and the flux along each axis, as codes: what lies on a code's border may fall to either side.
+            let codes = |words: &[u32]| -> Vec<f32> {
+                let of =
+                    |word: &u32| [word & 0x3ff, word >> 10 & 127, word >> 17 & 127, word >> 24].map(|code| code as f32);
+                words.iter().flat_map(of).collect()
+            };
+            let (cpu, gpu) = (codes(&cpu.words), codes(&all[before..]));
+            let apart = cpu.iter().zip(&gpu).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(apart <= 1.0, "{what}: codes are {apart} apart");
+            Pair { what, gpu, cpu }
         })
         .collect()
 }

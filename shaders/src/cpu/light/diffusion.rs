@@ -1,20 +1,23 @@
 //! Stage `diffusion`: sunlight that cloud has scattered so often that it goes all ways.
 //!
 //! Reads: [`Shape`] (mean extinction at the slab's cells), [`SunLight`] (optical depth towards the sun), the phase function's asymmetry g. Writes: [`Diffuse`]: the fluence
-//! of diffuse light over the irradiance of the sun's beam, in the slab's cells. Scheme: light in cloud is split in three: the beam, which goes as exp(-t); what was scattered but
+//! of diffuse light over the irradiance of the sun's beam and the flux over the fluence, in the slab's cells, a word each. Scheme: light in cloud is split in three: the beam, which goes as exp(-t); what was scattered but
 //! still goes about the beam's way ([`super::diffusion_shares::forward_octaves`]); and the rest, whose fluence f obeys the
 //! diffusion equation (Stam 1995; Ishimaru 1978), div(D grad f) = -s exp(-(1 - g) t), D = 1 / (3 s), s = (1 - g) extinction. Finite volumes on the cells, harmonic
 //! means of D at faces; at the cloud's surface nothing comes in (the fluence falls to nothing 0.7104 free paths behind it, Milne: the flux that leaves is the surface's fluence over 2.13). A surface
-//! that stands aslant is a staircase of cells' faces: it loses as much as the faces across each axis make as a vector, since their areas' sum is up to 1.7 times the surface's. Solved by multigrid, see [`super::diffusion_grids`];
-//! between cells' centres the fluence is trilinear.
+//! that stands aslant is a staircase of cells' faces: it loses as much as the faces across each axis make as a vector, since their areas' sum is up to 1.7 times the surface's. Solved by multigrid, see [`super::diffusion_grids`].
+//! The equation lets all that a cell is given out from its centre. Of a source that is even in the cell half has a shorter way to each face, and the fluence at the centre is less by a quarter of what
+//! the faces across each axis let out times half the cell's resistance.
 //!
 //! Keeps: energy, to the solver's bound (a hundredth, lost). What a cell's source puts in leaves through the surface; the source is the midpoint's, which is less than what the beam
 //! loses in the cell. No absorption. Light that leaves one cloud for another is lost, and so is what comes back from the ground. Order 2 inside; at
 //! surfaces, and where a cell is thin, diffusion is an approximation however fine the grid; the march scales it and what goes about the beam's way by
 //! [`super::diffusion_shares::diffusion_shares`], so that level slabs give back all that came in.
 //!
-//! The march adds what diffuse light brings towards the camera: f / 4 pi, and of the flux F = -D grad f the part along the ray, 3 g F / 4 pi, by the fluence a cell's height ahead and the
-//! extinction half-way. The flux outwards is bounded by half the fluence, about its value at a surface; inwards by less, for what comes from one side only is scattered back too, and light is never negative.
+//! The march adds what diffuse light brings towards the camera: f / 4 pi, and of the flux F = -D grad f the part along the ray, 3 g F / 4 pi; both trilinear between cells' centres. A cell's flux is the mean of what
+//! passes its two faces across each axis. Outwards it is bounded by half the fluence, about its value at a surface; inwards by less, for what comes from one side only is scattered back too, and light is never negative.
+//! Packed: the flux, 7 bits a component, steps of a fortieth of the fluence (3 F); the fluence as a float of 10 bits whose least number is taken off again, to 0.4 % above 1/32 and 1.2e-4 below, up to 7.9 (a half space under a sun in the
+//! zenith has 5.1). The highest bit is 0 and the next seven are neither all 0 nor all 1, so that the word may lie among a GPU's floats.
 //!
 //! Floor of the cost: 196,608 cells, of those in or beside cloud a sample of shape and light (16 words), once through the numbers for what cells conduct, and the solver's
 //! ([`super::diffusion_grids`]): 6 ms on two cores; measured 10 to 25 ms beside other work.
@@ -37,6 +40,16 @@ crate::constants! {
     /// Bounds of 3 F over the fluence: out of the cloud, and into it.
     pub(super) const FLUX_OUTWARD: f32 = 1.5;
     pub(super) const FLUX_INWARD: f32 = 0.8;
+    /// Of the packed flux: the code of none, and codes from there to [`FLUX_OUTWARD`].
+    const FLUX_NONE: u32 = 64;
+    const FLUX_CODES: u32 = 62;
+    /// The packed fluence: bits of the least float, that float, bits that are dropped, and the most.
+    const FLUENCE_LEAST_BITS: u32 = 0x3d00_0000;
+    const FLUENCE_LEAST: f32 = 0.03125;
+    const FLUENCE_DROPPED_BITS: u32 = 16;
+    const FLUENCE_MOST: f32 = 7.9;
+    /// By what share of half a cell's resistance an even source in it is nearer to its face than its centre is.
+    const SOURCE_NEARER: f32 = 0.25;
     /// Weight of the cells at a place along an axis where those before and after have 1, for the fluence beside cloud.
     const SURFACE_MIDDLE: f32 = 4.0;
 }
@@ -46,14 +59,18 @@ const ASYMMETRY_MAX: f32 = 0.99;
 /// See the module.
 #[derive(Clone, Debug, Default)]
 pub struct Diffuse {
-    /// Fluence over the beam's irradiance, `[level][y][x]`, with one more cell on each side in x and y.
-    pub fluence: Vec<f32>,
+    /// Fluence over the beam's irradiance and 3 F over the fluence, packed, `[level][y][x]`, with one more cell on each side in x and y.
+    pub words: Vec<u32>,
     /// 1 - g.
     pub(crate) similarity: f32,
     cells: [usize; 3],
     per_cell_size: f32,
     /// Extinction that diffuse light meets, 1/m.
     transport: Vec<f32>,
+    /// -3 F in the cells.
+    flow: Vec<[f32; 3]>,
+    /// Fluence at the cells' centres.
+    centre: Vec<f32>,
     /// A row of empty cells.
     nothing: Vec<f32>,
     grids: Grids,
@@ -80,6 +97,8 @@ impl Diffuse {
         self.cells = cells;
         self.per_cell_size = 1.0 / size[2];
         self.transport.resize(nx * ny * nz, 0.0);
+        self.flow.resize(nx * ny * nz, [0.0; 3]);
+        self.centre.resize(nx * ny * nz, 0.0);
         self.nothing.resize(nx, 0.0);
         let grid = self.grids.finest(cells, size);
         let similarity = self.similarity;
@@ -121,9 +140,25 @@ impl Diffuse {
             );
         });
         let solved = self.grids.solve();
+        let rows = self.flow.par_chunks_mut(nx).zip(self.centre.par_chunks_mut(nx));
+        rows.enumerate().for_each(|(n, (flow, centre))| {
+            let (j, k) = (n % ny, n / ny);
+            let row = |j: usize, k: usize| {
+                let first = (k * ny + j) * nx;
+                (&transport[first..][..nx], &solved[first..][..nx])
+            };
+            let sides = [
+                row((j + ny - 1) % ny, k),
+                row((j + 1) % ny, k),
+                if k > 0 { row(j, k - 1) } else { (nothing, nothing) },
+                if k + 1 < nz { row(j, k + 1) } else { (nothing, nothing) },
+            ];
+            flow_row(row(j, k), sides, [nx > 1, ny > 1], size, flow, centre);
+        });
+        let (flow, centre) = (&self.flow, &self.centre);
         let stride = nx + 2;
-        self.fluence.resize(stride * (ny + 2) * nz, 0.0);
-        self.fluence.par_chunks_mut(stride).enumerate().for_each(|(n, to)| {
+        self.words.resize(stride * (ny + 2) * nz, 0);
+        self.words.par_chunks_mut(stride).enumerate().for_each(|(n, to)| {
             // Stored row j is row j - 1; periodic.
             let (j, k) = ((n % (ny + 2) + ny - 1) % ny, n / (ny + 2));
             let at = |j: usize, k: usize| (k * ny + j) * nx;
@@ -131,38 +166,21 @@ impl Diffuse {
             for (c, row) in rows.iter_mut().enumerate() {
                 let level = (k + c / 3).wrapping_sub(1);
                 let first = at((j + ny + c % 3 - 1) % ny, level.min(nz - 1));
-                *row = (level < nz).then(|| (&transport[first..][..nx], &solved[first..][..nx]));
+                *row = (level < nz).then(|| (&transport[first..][..nx], &centre[first..][..nx], &flow[first..][..nx]));
             }
             surface_row(&rows, size, &mut to[1..=nx]);
             (to[0], to[nx + 1]) = (to[nx], to[1]);
         });
     }
 
-    /// What diffuse light brings towards a camera that looks along `d`, times 4 pi, at sixteen places in m; `carved` as in [`SunLight::new`].
+    /// What diffuse light brings towards a camera that looks along `d`, times 4 pi, at sixteen places in m.
     #[inline(always)]
-    pub(crate) fn towards(&self, shape: &Shape, p: &[Lanes; 3], d: &[Lanes; 3], carved: bool) -> Lanes {
-        let ahead_m = shape.cell_size_m()[2];
-        let at = |m: f32| [p[0] + d[0] * m, p[1] + d[1] * m, p[2] + d[2] * m];
-        let (between, q) = (at(0.5 * ahead_m), at(ahead_m));
-        let (cover, amplitude) = shape.sample(between[0], between[1], between[2]);
-        let mean = shape.mean_extinction(cover, amplitude, carved);
-        let here = self.look(shape, p[0], p[1], p[2]);
-        let ahead = self.look(shape, q[0], q[1], q[2]);
-        let asymmetry = 1.0 - self.similarity;
-        let flux = (ahead - here) * asymmetry / (mean * (self.similarity * ahead_m)).max(Lanes::splat(1e-6));
-        here + flux
-            .max(here * (-FLUX_INWARD * asymmetry))
-            .min(here * (FLUX_OUTWARD * asymmetry))
-    }
-
-    /// Fluence at sixteen places in m.
-    #[inline(always)]
-    pub(crate) fn look(&self, shape: &Shape, x: Lanes, y: Lanes, z: Lanes) -> Lanes {
+    pub(crate) fn towards(&self, shape: &Shape, p: &[Lanes; 3], d: &[Lanes; 3]) -> Lanes {
         let [nx, ny, nz] = self.cells;
         let per_period = shape.per_period();
-        let (i, fx) = ((x * per_period[0]).fraction() * nx as f32 + 0.5).split();
-        let (j, fy) = ((y * per_period[1]).fraction() * ny as f32 + 0.5).split();
-        let (k, fz) = ((z - shape.bottom_m) * self.per_cell_size - 0.5)
+        let (i, fx) = ((p[0] * per_period[0]).fraction() * nx as f32 + 0.5).split();
+        let (j, fy) = ((p[1] * per_period[1]).fraction() * ny as f32 + 0.5).split();
+        let (k, fz) = ((p[2] - shape.bottom_m) * self.per_cell_size - 0.5)
             .clamp(0.0, nz as f32 - 1.001)
             .split();
         let (row, rows) = (nx as u32 + 2, ny as u32 + 2);
@@ -171,13 +189,48 @@ impl Diffuse {
         for l in 0..LANES {
             index.0[l] = (k.0[l] * rows + j.0[l]) * row + i.0[l];
         }
-        let at = |offset: u32| index.plus(offset).gather_f32(&self.fluence);
-        let low = at(0).lerp(at(1), fx).lerp(at(row).lerp(at(row + 1), fx), fy);
-        let high = at(level)
-            .lerp(at(level + 1), fx)
-            .lerp(at(level + row).lerp(at(level + row + 1), fx), fy);
+        let asymmetry = 1.0 - self.similarity;
+        let unit = asymmetry * FLUX_OUTWARD / FLUX_CODES as f32;
+        let along = [d[0] * unit, d[1] * unit, d[2] * unit];
+        let none = (along[0] + along[1] + along[2]) * FLUX_NONE as f32;
+        let offsets = [0, 1, row, row + 1, level, level + 1, level + row, level + row + 1];
+        let mut brought = [fx; 8];
+        for n in 0..8 {
+            let word = index.plus(offsets[n]).gather(&self.words);
+            let flux = word.bits(10, 127) * along[0] + word.bits(17, 127) * along[1] + word.bits(24, 127) * along[2];
+            let more = (flux - none).clamp(-FLUX_INWARD * asymmetry, FLUX_OUTWARD * asymmetry) + 1.0;
+            brought[n] = fluence_of(word) * more;
+        }
+        let low = brought[0]
+            .lerp(brought[1], fx)
+            .lerp(brought[2].lerp(brought[3], fx), fy);
+        let high = brought[4]
+            .lerp(brought[5], fx)
+            .lerp(brought[6].lerp(brought[7], fx), fy);
         low.lerp(high, fz)
     }
+}
+
+/// The fluence and -3 F of a cell, packed.
+#[inline(always)]
+fn packed(fluence: f32, flow: [f32; 3]) -> u32 {
+    let [x, y, z] = flow;
+    let most = FLUX_OUTWARD / (x * x + y * y + z * z).sqrt().max(1e-20);
+    let scale = (1.0 / fluence.max(1e-9)).min(most) * (FLUX_CODES as f32 / FLUX_OUTWARD);
+    let [x, y, z] = flow.map(|v| (v * scale + (FLUX_NONE as f32 + 0.5)) as u32);
+    let float = (fluence.min(FLUENCE_MOST) + FLUENCE_LEAST).to_bits() - FLUENCE_LEAST_BITS;
+    let fluence = (float + (1 << (FLUENCE_DROPPED_BITS - 1))) >> FLUENCE_DROPPED_BITS;
+    fluence | x << 10 | y << 17 | z << 24
+}
+
+/// The fluence that words hold.
+#[inline(always)]
+fn fluence_of(words: Indices) -> Lanes {
+    let mut r = Lanes::splat(0.0);
+    for l in 0..LANES {
+        r.0[l] = f32::from_bits(((words.0[l] & 0x3ff) << FLUENCE_DROPPED_BITS) + FLUENCE_LEAST_BITS) - FLUENCE_LEAST;
+    }
+    r
 }
 
 /// Extinction that diffuse light meets (1/m) and what becomes diffuse in a row of cells.
@@ -293,50 +346,100 @@ fn conduct_row(
     }
 }
 
+/// -3 F in a row of cells, the mean of what passes both faces across each axis, nothing in empty cells, and the fluence at their centres. Extinction and fluence of the row, and `sides` of those south, north, below and above.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma",
+    "x86_64+avx2+fma",
+    "aarch64+neon"
+))]
+fn flow_row(
+    (here, fluence): (&[f32], &[f32]),
+    [south, north, below, above]: [(&[f32], &[f32]); 4],
+    goes: [bool; 2],
+    size_m: [f32; 3],
+    flow: &mut [[f32; 3]],
+    centre: &mut [f32],
+) {
+    let n = flow.len();
+    // Into a cell through a face.
+    let through = |i: usize, (beside, other): (&[f32], &[f32]), at: usize, axis: usize| {
+        let half = half_resistance(here[i], size_m[axis]);
+        let inside = (other[at] - fluence[i]) / (half + half_resistance(beside[at], size_m[axis]));
+        let outside = -fluence[i] / (half + DIFFUSION_SURFACE_RESISTANCE);
+        if beside[at] > 0.0 { inside } else { outside }
+    };
+    for i in 0..n {
+        let mut faces = [[0.0f32; 2]; 3];
+        if here[i] > 0.0 {
+            if goes[0] {
+                let (next, last) = (if i + 1 < n { i + 1 } else { 0 }, if i > 0 { i - 1 } else { n - 1 });
+                let row = (here, fluence);
+                faces[0] = [through(i, row, next, 0), through(i, row, last, 0)];
+            }
+            if goes[1] {
+                faces[1] = [through(i, north, i, 1), through(i, south, i, 1)];
+            }
+            faces[2] = [through(i, above, i, 2), through(i, below, i, 2)];
+        }
+        let mut nearer = 0.0;
+        for (axis, [after, before]) in faces.into_iter().enumerate() {
+            flow[i][axis] = 1.5 * (after - before);
+            nearer += half_resistance(here[i], size_m[axis]) * (after + before);
+        }
+        centre[i] = (fluence[i] + SOURCE_NEARER * nearer).max(0.0);
+    }
+}
+
 /// How far a cell counts as cloud, 0 to 1.
 #[inline(always)]
 fn substance(transport_per_m: f32, mean_m: f32) -> f32 {
     (transport_per_m * mean_m * (1.5 / SUBSTANCE_RESISTANCE)).min(1.0)
 }
 
-/// A row's fluence, and in cells beside cloud what that inside and at the surface lead to, the more the less they are cloud themselves: a place between two cells is looked up in both. `rows` are the nine around,
-/// extinction and fluence, from south-below on.
+/// A row's fluence and flux, packed, and in cells beside cloud what is at their neighbours' surface, the more the less they are cloud themselves: a place between two cells is looked up in both. `rows` are the nine around,
+/// extinction, fluence and flow, from south-below on.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma",
     "x86_64+avx2+fma",
     "aarch64+neon"
 ))]
-fn surface_row(rows: &[Option<(&[f32], &[f32])>; 9], size_m: [f32; 3], to: &mut [f32]) {
+fn surface_row(rows: &[Option<(&[f32], &[f32], &[[f32; 3]])>; 9], size_m: [f32; 3], to: &mut [u32]) {
     let n = to.len();
     let mean_m = (size_m[0] + size_m[1] + size_m[2]) / 3.0;
     let around = [1.0, SURFACE_MIDDLE, 1.0];
-    let Some((here, inside)) = rows[4] else { return };
+    let Some((here, inside, flows)) = rows[4] else { return };
     for i in 0..n {
         let own = substance(here[i], mean_m);
         if own >= 1.0 {
-            to[i] = inside[i];
+            to[i] = packed(inside[i], flows[i]);
             continue;
         }
-        let (mut sum, mut weights) = (0.0f32, 0.0f32);
+        let (mut sum, mut flow, mut weights) = (0.0f32, [0.0f32; 3], 0.0f32);
         for (c, row) in rows.iter().enumerate() {
-            let Some((transport, fluence)) = row else { continue };
+            let Some((transport, fluence, flows)) = row else {
+                continue;
+            };
             let weight = around[c % 3] * around[c / 3];
             for (a, at) in [(i + n - 1) % n, i, (i + 1) % n].into_iter().enumerate() {
                 if transport[at] > 0.0 && (c, a) != (4, 1) {
-                    // At the surface it is 2 / (2 + half) of the cell's; as far again behind it, straight on.
+                    // Behind the surface light meets nothing more: the fluence is the surface's.
                     let half = half_resistance(transport[at], mean_m);
                     let weight = weight * around[a] * substance(transport[at], mean_m);
-                    sum += weight
-                        * fluence[at]
-                        * ((DIFFUSION_SURFACE_RESISTANCE - half) / (DIFFUSION_SURFACE_RESISTANCE + half)).max(0.0);
+                    sum +=
+                        weight * fluence[at] * (DIFFUSION_SURFACE_RESISTANCE / (DIFFUSION_SURFACE_RESISTANCE + half));
+                    for (to, from) in flow.iter_mut().zip(flows[at]) {
+                        *to += weight * from;
+                    }
                     weights += weight;
                 }
             }
         }
         to[i] = if weights > 0.0 {
-            own * inside[i] + (1.0 - own) * sum / weights
+            let (mine, rest) = (own, (1.0 - own) / weights);
+            let flow = [0, 1, 2].map(|axis| mine * flows[i][axis] + rest * flow[axis]);
+            packed(mine * inside[i] + rest * sum, flow)
         } else {
-            inside[i]
+            packed(inside[i], flows[i])
         };
     }
 }

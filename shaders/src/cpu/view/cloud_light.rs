@@ -247,7 +247,7 @@ fn add_light(
         }
         let passage = passage(sky_seen, ground_seen);
         if let Some(diffuse) = frame.diffuse {
-            let fluence = diffuse.towards(shape, &p, &d, frame.detail.is_some());
+            let fluence = diffuse.towards(shape, &p, &d);
             scattered = (scattered + of_ray(&phases[0]) * passed).max(zero) + fluence * (0.25 / std::f32::consts::PI);
         }
         if frame.octaves > 0 {
