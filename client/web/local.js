@@ -200,7 +200,7 @@ export class LocalSky {
     this.shownPast = null;
     this.cloudMs = 0;
     this.lastCloudMs = -Infinity;
-    /** @type {number | null} the tick of the cloud */
+    /** @type {string | null} the tick of the cloud, or the two that it lies between: `11-to-12` */
     this.tick = null;
     /** @type {VolumeTiming | null} */
     this.newVolume = null;
@@ -375,10 +375,14 @@ export class LocalSky {
     }
     const [a, b] = [this.cloud(before), after === null ? null : this.cloud(after)];
     this.shown = shown;
-    this.setCloud(a !== null && b !== null && weight > 0 ? mixed(a, b, weight) : a, (weight < 0.5 ? before : (after ?? before)).header.tick);
+    if (a !== null && b !== null && after !== null && weight > 0) {
+      this.setCloud(mixed(a, b, weight), `${before.header.tick}-to-${after.header.tick}`);
+    } else {
+      this.setCloud(a, `${before.header.tick}`);
+    }
   }
 
-  /** @param {Cloud | null} cloud @param {number} tick */
+  /** @param {Cloud | null} cloud @param {string} tick */
   setCloud(cloud, tick) {
     this.raymarcher.setCloud(cloud);
     this.lastCloudMs = performance.now();
@@ -401,7 +405,7 @@ export class LocalSky {
     this.shownPast = field;
     this.shown = null;
     if (field !== null) {
-      this.setCloud(this.cloud(field), field.header.tick);
+      this.setCloud(this.cloud(field), `${field.header.tick}`);
     }
     this.schedule(true);
   }
@@ -485,8 +489,8 @@ export class LocalSky {
   }
 
   /**
-   * What is seen now at full size, as a PNG, with the tick of the cloud in it; null where nothing is.
-   * @returns {Promise<{png: Blob, tick: number | null} | null>}
+   * What is seen now at full size, as a PNG, with the tick of the cloud in it, or the two that it lies between (`11-to-12`); null where nothing is.
+   * @returns {Promise<{png: Blob, tick: string | null} | null>}
    */
   async capture() {
     const { scenery, camera, tick } = this;

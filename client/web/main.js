@@ -232,7 +232,7 @@ dragSelect.addEventListener("change", () => (view.orbits = dragSelect.value === 
 
 element("save", HTMLButtonElement).addEventListener("click", async () => {
   let png = null;
-  let tick = view.shownTick;
+  let tick = view.shownTick?.toString() ?? null;
   if (drawing.here) {
     const captured = await drawing.sky?.capture();
     png = captured?.png ?? null;

@@ -42,16 +42,16 @@ await drive(WEBGPU_ON_THE_PROCESSOR, async (browser, url, outDir) => {
       headers: { "content-type": "application/json" },
       body: JSON.stringify(body),
     });
-  /** What the page shows now, as it saves it, with the tick in it. */
+  /** What the page shows now, as it saves it, with the tick in it, or the earlier one of two that it lies `between`. */
   const save = async () => {
     const coming = page.waitForEvent("download", { timeout: 20_000 }).catch(() => null);
     await page.locator("#save").evaluate((button) => button.click());
     const download = await coming;
     if (download === null) {
-      return { tick: null, png: null };
+      return { tick: null, between: false, png: null };
     }
-    const tick = Number(/tick-(\d+)/.exec(download.suggestedFilename())?.[1]);
-    return { tick, png: readFileSync(await download.path()) };
+    const [, tick, to] = /tick-(\d+)(-to-)?/.exec(download.suggestedFilename()) ?? [];
+    return { tick: Number(tick), between: to !== undefined, png: readFileSync(await download.path()) };
   };
   /** Red, green and blue of a PNG's pixels, decoded by the browser. */
   const pixels = (png) =>
@@ -69,7 +69,7 @@ await drive(WEBGPU_ON_THE_PROCESSOR, async (browser, url, outDir) => {
   const beside = async (world, tick, [ourName, theirName]) => {
     const here = await until("the volume of the standing tick is drawn", async () => {
       const saved = await save();
-      return { ...saved, ok: saved.tick === tick };
+      return { ...saved, ok: saved.tick === tick && !saved.between };
     });
     const answer = await serverFrame(world);
     const theirs = Buffer.from(await answer.arrayBuffer());
@@ -117,9 +117,8 @@ await drive(WEBGPU_ON_THE_PROCESSOR, async (browser, url, outDir) => {
   const { a, mean, most, over4 } = await beside("w1", tick, ["here", "server"]);
   console.error(`figure: picture drawn here against the server's: mean ${mean.toFixed(4)}, largest ${most} of 255`);
   // Measured: on the same field 0.003 in the mean and 2 at most, by rounding alone; with the volume's 8-bit codes, half a step of which is up to 0.5 % of the
-  // densest cloud, 0.03 in the mean and 18 at most: by diffusion, at a base whose lowest cells' codes round to nothing. Clouds differ from machine to machine, and thin edges are
-  // where codes show most.
-  check("the picture drawn here is the server's", mean < 0.1 && over4 < 0.003 && most <= 60, { mean, most, over4 });
+  // densest cloud, 0.02 to 0.07 in the mean and 1 to 11 at most. Clouds differ from machine to machine, and thin edges are where codes show most.
+  check("the picture drawn here is the server's", mean < 0.1 && over4 < 0.003 && most <= 24, { mean, most, over4 });
 
   // The world stands, so that this page has seen one moment only: what was before it the server has kept.
   await until("the server's past can be looked back at", () => page.locator("#past").evaluate((past) => ({ ok: !past.disabled && past.min <= -3, min: past.min })));
@@ -294,9 +293,8 @@ await drive(WEBGPU_ON_THE_PROCESSOR, async (browser, url, outDir) => {
     const { tick } = await numbers(id);
     const { mean, most, over4 } = await beside(id, tick, [`${name}-here`, `${name}-server`]);
     console.error(`figure: ${name} drawn here against the server's: mean ${mean.toFixed(4)}, largest ${most} of 255, more than 4 apart ${(100 * over4).toFixed(3)} %`);
-    // Measured: 0.02 in the mean; by a map at most 2; by diffusion up to 13 in a few pixels at thin edges (0.07 % of the values are more than 2 apart), for a cell that its 8-bit code
-    // rounds to nothing has no diffuse light (with 16 bits 0.005 in the mean and 1 at most). A map that is looked up a few rays off is 2 apart in the mean.
-    check("and is the server's picture", mean < 0.1 && over4 < 0.003 && most <= (methods.scattering === "diffusion" ? 60 : 8), { mean, most, over4 });
+    // Measured: 0.02 in the mean; by a map at most 2, by diffusion 3. A map that is looked up a few rays off is 2 apart in the mean.
+    check("and is the server's picture", mean < 0.1 && over4 < 0.003 && most <= (methods.scattering === "diffusion" ? 24 : 8), { mean, most, over4 });
   }
 
   // A world without moisture has no cloud to wait for.

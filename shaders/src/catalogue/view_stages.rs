@@ -213,7 +213,7 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         what: "sunlight that cloud has scattered so often that it goes all ways",
         tolerance: Tolerance {
             within: Within::Absolute(0.5),
-            outside: 0.01,
+            outside: 0.001,
             why: "codes of the same sums in the same order, fused or not; exponentials differ in the last bits, the cycles make no more of that than light does, and what lies on a code's border falls to either side",
         },
     },
