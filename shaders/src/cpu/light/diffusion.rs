@@ -19,8 +19,8 @@
 //! Packed: the flux, 7 bits a component, steps of a fortieth of the fluence (3 F); the fluence as a float of 10 bits whose least number is taken off again, to 0.4 % above 1/32 and 1.2e-4 below, up to 7.9 (a half space under a sun in the
 //! zenith has 5.1). The highest bit is 0 and the next seven are neither all 0 nor all 1, so that the word may lie among a GPU's floats.
 //!
-//! Floor of the cost: 196,608 cells, of those in or beside cloud a sample of shape and light (16 words), once through the numbers for what cells conduct, and the solver's
-//! ([`super::diffusion_grids`]): 6 ms on two cores; measured 10 to 25 ms beside other work.
+//! Floor of the cost: 196,608 cells, of those in or beside cloud a sample of shape and light (16 words), once through the numbers for what cells conduct, once for the flux (four floats a cell written and read again), and the solver's
+//! ([`super::diffusion_grids`]): 6 ms on two cores; measured 10 to 17 ms. In the march 8 words a sample, once: as long as octaves, to a tenth.
 
 use multiversion::multiversion;
 use rayon::prelude::*;
@@ -396,14 +396,17 @@ fn substance(transport_per_m: f32, mean_m: f32) -> f32 {
     (transport_per_m * mean_m * (1.5 / SUBSTANCE_RESISTANCE)).min(1.0)
 }
 
+/// A row of cells: extinction, fluence at their centres, and -3 F.
+type Row<'a> = (&'a [f32], &'a [f32], &'a [[f32; 3]]);
+
 /// A row's fluence and flux, packed, and in cells beside cloud what is at their neighbours' surface, the more the less they are cloud themselves: a place between two cells is looked up in both. `rows` are the nine around,
-/// extinction, fluence and flow, from south-below on.
+/// from south-below on.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma",
     "x86_64+avx2+fma",
     "aarch64+neon"
 ))]
-fn surface_row(rows: &[Option<(&[f32], &[f32], &[[f32; 3]])>; 9], size_m: [f32; 3], to: &mut [u32]) {
+fn surface_row(rows: &[Option<Row<'_>>; 9], size_m: [f32; 3], to: &mut [u32]) {
     let n = to.len();
     let mean_m = (size_m[0] + size_m[1] + size_m[2]) / 3.0;
     let around = [1.0, SURFACE_MIDDLE, 1.0];
@@ -435,9 +438,9 @@ fn surface_row(rows: &[Option<(&[f32], &[f32], &[[f32; 3]])>; 9], size_m: [f32; 
             }
         }
         to[i] = if weights > 0.0 {
-            let (mine, rest) = (own, (1.0 - own) / weights);
-            let flow = [0, 1, 2].map(|axis| mine * flows[i][axis] + rest * flow[axis]);
-            packed(mine * inside[i] + rest * sum, flow)
+            let rest = (1.0 - own) / weights;
+            let flow = [0, 1, 2].map(|axis| own * flows[i][axis] + rest * flow[axis]);
+            packed(own * inside[i] + rest * sum, flow)
         } else {
             packed(inside[i], flows[i])
         };
