@@ -69,7 +69,8 @@ await drive(WEBGPU_ON_THE_PROCESSOR, async (browser, url, outDir) => {
   const beside = async (world, tick, [ourName, theirName]) => {
     const here = await until("the volume of the standing tick is drawn", async () => {
       const saved = await save();
-      return { ...saved, ok: saved.tick === tick && !saved.between };
+      const ok = saved.tick === tick && !saved.between;
+      return ok ? { ok, png: saved.png } : { ok, tick: saved.tick, between: saved.between, wanted: tick, drawnBy: await text("#drawn-by"), notice: await text("#notice"), complaints };
     });
     const answer = await serverFrame(world);
     const theirs = Buffer.from(await answer.arrayBuffer());
