@@ -12,7 +12,7 @@
 //! use view/ground
 //! use view/light_shafts
 //! use view/tone_map
-// Stage `march`: a ray of view an invocation, through sky, cloud and to the ground. The twin is cpu/view/march.rs, which
+// Stage `march`: a ray of view an invocation, through sky, cloud and to the ground. The twin is cpu/view/march.rs (the light of samples: cpu/view/cloud_light.rs), which
 // marches sixteen rays abreast; what a ray does there depends on that ray alone, so both take the same samples.
 //
 // A workgroup draws 8 x 8 pixels and packs their bytes: rows of the picture are filled up to whole words.
