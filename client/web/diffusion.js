@@ -171,8 +171,10 @@ export class Diffusion {
     for (let n = 0; n < kernels.constant("DIFFUSION_CYCLES"); n++) {
       cycle(0, true);
     }
-    step("diffusion_flow", finest.first, finest.cells);
     const [x, y, z] = finest.cells;
+    step("diffusion_meetings", finest.first, [x, y, 1]);
+    step("diffusion_between_clouds", finest.first, [1, 1, 1]);
+    step("diffusion_flow", finest.first, finest.cells);
     step("diffusion_surface", finest.first, [x + 2, y + 2, z]);
   }
 }

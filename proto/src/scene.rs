@@ -142,7 +142,7 @@ pub enum ViewSteps {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "method", rename_all = "snake_case", deny_unknown_fields)]
 pub enum SunOcclusion {
-    /// A grid of optical depths, made once a tick, and two finer steps.
+    /// A grid of optical depths, made once a tick, and what the detail adds near by.
     LightGrid {},
     /// A march towards the sun from every sample.
     SecondaryMarch {

@@ -111,7 +111,7 @@ impl MapKind {
 /// How the march learns how much cloud lies towards the sun.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SunOcclusion {
-    /// From the grid of stage `sun_optical_depth` and two finer steps.
+    /// From the grid of stage `sun_optical_depth`, with what the detail adds near by.
     #[default]
     LightGrid,
     /// By a march from each sample, its steps growing with distance.

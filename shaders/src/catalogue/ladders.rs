@@ -184,7 +184,7 @@ rungs! {
         "single scattering along rays, higher orders from a table"
         keeps "energy as the air has it, at any height, by any sun; higher orders are even in all directions";
     LightGrid SunOcclusion "light_grid" Devices::Both, None,
-        "optical depths towards the sun at the shape's points, once a tick, and two finer steps"
+        "optical depths towards the sun at the shape's points, once a tick, and what the detail adds near by"
         keeps "edges as fine as the grid, and detail near the camera";
     ExponentialShadowMap SunOcclusion "exponential_shadow_map" Devices::Both, None,
         "where cloud begins on the sun's rays"

@@ -210,11 +210,11 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         rungs: &[Rung::Diffusion],
         reads: &["cloud_cover_and_amplitude", "sun_optical_depth"],
         writes: &["diffuse_light"],
-        what: "sunlight that cloud has scattered so often that it goes all ways",
+        what: "sunlight that cloud has scattered so often that it goes all ways, within clouds and from one to the other",
         tolerance: Tolerance {
             within: Within::Absolute(0.5),
             outside: 0.001,
-            why: "codes of the same sums in the same order, fused or not; exponentials differ in the last bits, the cycles make no more of that than light does, and what lies on a code's border falls to either side",
+            why: "codes of the same sums in the same order, fused or not (but for one over the grid, of light between clouds); exponentials differ in the last bits, the cycles make no more of that than light does, and what lies on a code's border falls to either side",
         },
     },
     ViewStage {

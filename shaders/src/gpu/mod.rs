@@ -115,7 +115,7 @@ modules! {
     "light/sky_light" constants [light::sky_light::WGSL] structs [SkyLightAsk::LAYOUT, SkyLightValues::LAYOUT];
     "light/sky_visibility" constants [light::sky_visibility::WGSL, view_stages::WGSL] structs [VisibilitySweep::LAYOUT];
     "light/sun_optical_depth" constants [light::sun_optical_depth::WGSL] structs [SunMarch::LAYOUT];
-    "light/diffusion" constants [light::diffusion::WGSL, light::sun_optical_depth::WGSL] structs [DiffusionGrid::LAYOUT];
+    "light/diffusion" constants [light::diffusion::WGSL, light::between_clouds::WGSL, light::sun_optical_depth::WGSL] structs [DiffusionGrid::LAYOUT];
     "light/sun_map" constants [light::sun_map::WGSL] structs [SunMapping::LAYOUT];
     "view/shape" constants [] structs [ShapeGrid::LAYOUT];
     "view/occupancy" constants [view_twins::occupancy::WGSL] structs [ShapeGrid::LAYOUT];

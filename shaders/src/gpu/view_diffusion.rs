@@ -57,6 +57,8 @@ pub(super) struct DiffusionKernels {
     take_up: LateKernel,
     bottom: LateKernel,
     add: LateKernel,
+    meetings: LateKernel,
+    between_clouds: LateKernel,
     flow: LateKernel,
     surface: LateKernel,
 }
@@ -72,6 +74,8 @@ impl DiffusionKernels {
             take_up: LateKernel::new("diffusion_take_up"),
             bottom: LateKernel::new("diffusion_bottom"),
             add: LateKernel::new("diffusion_add"),
+            meetings: LateKernel::new("diffusion_meetings"),
+            between_clouds: LateKernel::new("diffusion_between_clouds"),
             flow: LateKernel::new("diffusion_flow"),
             surface: LateKernel::new("diffusion_surface"),
         }
@@ -150,6 +154,7 @@ impl ViewStages {
         let [bottom, add, flow, surface] = [&k.bottom, &k.add, &k.flow, &k.surface].map(|k| k.get(c));
         let (sources, conduct, join, sweep, leave_over) = (sources?, conduct?, join?, sweep?, leave_over?);
         let (take_up, bottom, add, flow, surface) = (take_up?, bottom?, add?, flow?, surface?);
+        let (meetings, between_clouds) = (k.meetings.get(c)?, k.between_clouds.get(c)?);
         let mut told = Vec::new();
         let grids = hierarchy(grid);
         let total = Self::diffusion_cells(grid) as u32;
@@ -223,8 +228,10 @@ impl ViewStages {
                     run(kernel, by, cells);
                 });
             }
-            run(flow, &finest.first, finest.cells);
             let [x, y, z] = finest.cells;
+            run(meetings, &finest.first, [x, y, 1]);
+            run(between_clouds, &finest.first, [1; 3]);
+            run(flow, &finest.first, finest.cells);
             run(surface, &finest.first, [x + 2, y + 2, z]);
         })
     }

@@ -103,6 +103,8 @@ kernels! {
     "diffusion_take_up" "light/diffusion" "take_up" DIFFUSION;
     "diffusion_bottom" "light/diffusion" "bottom" DIFFUSION;
     "diffusion_add" "light/diffusion" "add" DIFFUSION;
+    "diffusion_meetings" "light/diffusion" "meetings" DIFFUSION;
+    "diffusion_between_clouds" "light/diffusion" "between_clouds" DIFFUSION;
     "diffusion_flow" "light/diffusion" "flow" DIFFUSION;
     "diffusion_surface" "light/diffusion" "surface" DIFFUSION;
 }

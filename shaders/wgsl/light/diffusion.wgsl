@@ -1,7 +1,7 @@
 //! use shared/shape
 //! use shared/light_words
-// Stage `diffusion`: the fluence of sunlight that cloud has scattered often. The twins are cpu/light/diffusion.rs (`sources`, `conduct`, `flow`, `surface`) and
-// cpu/light/diffusion_grids.rs (the others, a grid's step each).
+// Stage `diffusion`: the fluence of sunlight that cloud has scattered often. The twins are cpu/light/diffusion.rs (`sources`, `conduct`, `flow`, `surface`),
+// cpu/light/between_clouds.rs (`meetings`, `between_clouds`) and cpu/light/diffusion_grids.rs (the others, a grid's step each).
 //
 // Numbers of all grids lie in planes one after the other: the finest grid's cells first, then the next one's.
 
@@ -67,6 +67,11 @@ fn half_resistance(transport_per_m: f32, size_m: f32) -> f32 {
     return max(1.5 * transport_per_m * size_m, DIFFUSION_RESISTANCE_LEAST);
 }
 
+/// Resistance from the middle of a cell, of which `half` is half a cell's, to the outside.
+fn to_outside(half: f32) -> f32 {
+    return half * RIM_SHARE + DIFFUSION_SURFACE_RESISTANCE;
+}
+
 /// How far a cell counts as cloud, 0 to 1.
 fn substance(transport_per_m: f32, mean_m: f32) -> f32 {
     return min(transport_per_m * mean_m * (1.5 / SUBSTANCE_RESISTANCE), 1.0);
@@ -78,7 +83,7 @@ fn to_other(here: f32, other: f32, size_m: f32, face_m2: f32) -> vec2<f32> {
     if (other > 0.0) {
         return vec2<f32>(face_m2 / (half + half_resistance(other, size_m)), 0.0);
     }
-    return vec2<f32>(0.0, face_m2 / (half + DIFFUSION_SURFACE_RESISTANCE));
+    return vec2<f32>(0.0, face_m2 / to_outside(half));
 }
 
 fn transport(x: u32, y: u32, z: u32) -> f32 {
@@ -246,6 +251,70 @@ fn add(@builtin(global_invocation_id) id: vec3<u32>) {
     numbers[place_of(FLUENCE, cell(id.x, id.y, id.z))] += numbers[place_of(FLUENCE, other_cell(above.x, above.y, above.z))];
 }
 
+/// What the lines through the slab from a column's lowest cell meet, weighted by the cosine, the share of them that meets cloud and how often they do, and what the column's cells are given; in place of the lowest cell's conductances, which have served.
+@compute @workgroup_size(32, 2, 1)
+fn meetings(@builtin(global_invocation_id) id: vec3<u32>) {
+    if (beyond(id)) {
+        return;
+    }
+    let cells = vec2<u32>(grid.cells_x, grid.cells_y);
+    var met = vec2<f32>(0.0);
+    for (var line = 0u; line < 8u; line++) {
+        let cosine = select(LINE_FLAT, LINE_STEEP, line < 4u);
+        let path_m = grid.cell_size_z_m / cosine;
+        let axis = line / 2u % 2u;
+        let across = sqrt(1.0 - cosine * cosine) * path_m / select(grid.cell_size_x_m, grid.cell_size_y_m, axis == 1u);
+        var whole = 0.0;
+        var own = 0.0;
+        var often = 0.0;
+        for (var k = 0u; k < grid.levels; k++) {
+            let by = u32(across * f32(k) + 0.5) % cells[axis];
+            var at = id.xy;
+            at[axis] = (at[axis] + select(cells[axis] - by, by, line % 2u == 0u)) % cells[axis];
+            let thick = transport(at.x, at.y, k) * path_m;
+            if (thick <= 0.0) {
+                often += 1.0 - exp(-own);
+                own = 0.0;
+            }
+            whole += thick;
+            own += thick;
+        }
+        often += 1.0 - exp(-own);
+        met += cosine * vec2<f32>(1.0 - exp(-whole), often);
+    }
+    var given = 0.0;
+    for (var k = 0u; k < grid.levels; k++) {
+        given += numbers[place_of(SOURCE, cell(id.x, id.y, k))];
+    }
+    conductance[cell(id.x, id.y, 0u)] = vec4<f32>(met, given, 0.0);
+}
+
+var<workgroup> sums: array<vec3<f32>, 64>;
+
+/// The fluence between clouds, of all columns, to the first place of the spare plane.
+@compute @workgroup_size(64)
+fn between_clouds(@builtin(local_invocation_index) n: u32) {
+    let columns = grid.cells_x * grid.cells_y;
+    var sum = vec3<f32>(0.0);
+    for (var i = n; i < columns; i += 64u) {
+        sum += conductance[grid.first + i].xyz;
+    }
+    sums[n] = sum;
+    workgroupBarrier();
+    if (n != 0u) {
+        return;
+    }
+    sum = vec3<f32>(0.0);
+    for (var i = 0u; i < 64u; i++) {
+        sum += sums[i];
+    }
+    // Four azimuths; the cosines add up to 1.
+    let met = sum.xy / (4.0 * f32(columns));
+    let area_m2 = f32(columns) * grid.cell_size_x_m * grid.cell_size_y_m;
+    let again = max(1.0 - met.x / max(met.y, 1e-9), 0.0);
+    numbers[place_of(SPARE, grid.first)] = select(0.0, 2.0 * sum.z / area_m2 * again / met.x, met.x > 0.0);
+}
+
 /// What goes into a cell through its face to another, over the face's area.
 fn through_face(here: f32, fluence: f32, other: vec3<u32>, size_m: f32) -> f32 {
     let half = half_resistance(here, size_m);
@@ -253,7 +322,7 @@ fn through_face(here: f32, fluence: f32, other: vec3<u32>, size_m: f32) -> f32 {
     if (thick > 0.0) {
         return (fluence_at(other) - fluence) / (half + half_resistance(thick, size_m));
     }
-    return -fluence / (half + DIFFUSION_SURFACE_RESISTANCE);
+    return -fluence / to_outside(half);
 }
 
 fn fluence_at(id: vec3<u32>) -> f32 {
@@ -283,7 +352,7 @@ fn flow(@builtin(global_invocation_id) id: vec3<u32>) {
             before.y = through_face(here, fluence, vec3<u32>(id.x, (id.y + grid.cells_y - 1u) % grid.cells_y, id.z), size.y);
         }
         // Under the ground and above the lid nothing is.
-        let out = -fluence / (half_resistance(here, size.z) + DIFFUSION_SURFACE_RESISTANCE);
+        let out = -fluence / to_outside(half_resistance(here, size.z));
         after.z = out;
         before.z = out;
         if (id.z + 1u < grid.levels) {
@@ -308,7 +377,7 @@ fn packed(flow: vec4<f32>) -> u32 {
     return fluence | (codes.x << 10u) | (codes.y << 17u) | (codes.z << 24u);
 }
 
-/// Fluence and flux as they are looked up: one more cell on each side in x and y, and in cells beside cloud what is at their neighbours' surface.
+/// Fluence, what is between clouds with it, and flux as they are looked up: one more cell on each side in x and y, and in cells beside cloud what is at their neighbours' surface.
 @compute @workgroup_size(32, 2, 2)
 fn surface(@builtin(global_invocation_id) id: vec3<u32>) {
     let stride = vec2<u32>(grid.cells_x, grid.cells_y) + 2u;
@@ -321,6 +390,7 @@ fn surface(@builtin(global_invocation_id) id: vec3<u32>) {
     let mean_m = (grid.cell_size_x_m + grid.cell_size_y_m + grid.cell_size_z_m) / 3.0;
     let own = substance(transport(x, y, id.z), mean_m);
     var flow = conductance[cell(x, y, id.z)];
+    let between = numbers[place_of(SPARE, grid.first)];
     if (own < 1.0) {
         var sum = vec4<f32>(0.0);
         var weights = 0.0;
@@ -337,7 +407,7 @@ fn surface(@builtin(global_invocation_id) id: vec3<u32>) {
                 let middle = vec3<u32>(c % 3u, c / 3u % 3u, c / 9u) == vec3<u32>(1u);
                 let near = select(vec3<f32>(1.0), vec3<f32>(SURFACE_MIDDLE), middle);
                 let weight = near.x * near.y * near.z * substance(thick, mean_m);
-                let kept = DIFFUSION_SURFACE_RESISTANCE / (DIFFUSION_SURFACE_RESISTANCE + half);
+                let kept = DIFFUSION_SURFACE_RESISTANCE / to_outside(half);
                 sum += weight * vec4<f32>(1.0, 1.0, 1.0, kept) * conductance[n];
                 weights += weight;
             }
@@ -346,5 +416,5 @@ fn surface(@builtin(global_invocation_id) id: vec3<u32>) {
             flow = own * flow + ((1.0 - own) / weights) * sum;
         }
     }
-    shadow[shape.stride_x * shape.stride_y + 1u + (id.z * stride.y + id.y) * stride.x + id.x] = bitcast<f32>(packed(flow));
+    shadow[shape.stride_x * shape.stride_y + 1u + (id.z * stride.y + id.y) * stride.x + id.x] = bitcast<f32>(packed(flow + vec4<f32>(0.0, 0.0, 0.0, between)));
 }

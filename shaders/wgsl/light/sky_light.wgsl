@@ -1,5 +1,5 @@
 //! use shared/sky_radiance
-// Stage `sky_light`: one workgroup, an invocation a direction; with `adds` the moon's light is added to what the sun has left.
+// Stage `sky_light`: one workgroup, an invocation a direction from the ground and one from the clouds' middle; with `adds` the moon's light is added to what the sun has left.
 
 const LOOKS = SKY_LIGHT_RINGS * SKY_LIGHT_AROUND;
 
@@ -9,24 +9,27 @@ const LOOKS = SKY_LIGHT_RINGS * SKY_LIGHT_AROUND;
 @group(0) @binding(3) var<storage, read> multiple_scattering_table: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read_write> light: array<SkyLightValues>;
 
-var<workgroup> looks: array<vec3<f32>, LOOKS>;
+// First those from the ground.
+var<workgroup> looks: array<vec3<f32>, 2u * LOOKS>;
 
-@compute @workgroup_size(LOOKS)
-fn sky_light(@builtin(local_invocation_index) n: u32) {
+@compute @workgroup_size(2u * LOOKS)
+fn sky_light(@builtin(local_invocation_index) look: u32) {
+    let n = look % LOOKS;
     let sine = (f32(n / SKY_LIGHT_AROUND) + 0.5) / f32(SKY_LIGHT_RINGS);
     let azimuth = (f32(n % SKY_LIGHT_AROUND) + 0.5) / f32(SKY_LIGHT_AROUND) * 2.0 * PI;
     let side = sqrt(1.0 - sine * sine);
     let direction = vec3<f32>(side * cos(azimuth), side * sin(azimuth), sine);
     let source = SkySource(ask.direction.xyz, ask.strength.rgb, ask.scattered_glow.rgb, ask.layer_glow.rgb);
-    looks[n] = sky_radiance(air, SKY_LIGHT_HEIGHT_M, direction, source, false);
+    let height_m = select(SKY_LIGHT_HEIGHT_M, 0.5 * (ask.base_m + ask.top_m), look >= LOOKS);
+    looks[look] = sky_radiance(air, height_m, direction, source, false);
     workgroupBarrier();
-    if (n != 0u) {
+    if (look != 0u) {
         return;
     }
     var mean = vec3<f32>(0.0);
     var irradiance = vec3<f32>(0.0);
     for (var i = 0u; i < LOOKS; i++) {
-        mean += looks[i];
+        mean += looks[LOOKS + i];
         irradiance += looks[i] * (2.0 * PI * (f32(i / SKY_LIGHT_AROUND) + 0.5) / f32(SKY_LIGHT_RINGS));
     }
     mean /= f32(LOOKS);

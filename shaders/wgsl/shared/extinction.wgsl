@@ -4,7 +4,11 @@
 
 /// Extinction with detail, 1/m, `t` from the camera; `near` looks the small billows up a second time.
 fn extinction(p: vec3<f32>, t: f32, near: bool) -> f32 {
-    let s = shape_sample(p);
+    return carved_extinction(shape_sample(p), p, t, near);
+}
+
+/// The same where cover and amplitude are known.
+fn carved_extinction(s: vec2<f32>, p: vec3<f32>, t: f32, near: bool) -> f32 {
     let plain = s.y * s.x;
     if (frame.detail_blend == 0.0) {
         return plain;

@@ -115,6 +115,20 @@ fn share_at(n: u32) -> f32 {
     return phase.quads[PHASE_SHARES_FIRST + n / 4u][n % 4u];
 }
 
+/// The share of a step's length, even in extinction, of optical depth `depth` and passed by `kept` of the light, before which the share `part` lies of the light that reaches the camera from it.
+fn place_of_light(part: f32, depth: f32, kept: f32) -> f32 {
+    if (depth < THIN_STEP) {
+        return part - 0.5 * depth * part * (1.0 - part);
+    }
+    return -log2(1.0 - part * (1.0 - kept)) / (LOG2_E * depth);
+}
+
+/// What the detail makes of the cloud at a place, `t` from the camera, less the mean that the stored depth is made of, 1/m.
+fn beyond_mean(p: vec3<f32>, t: f32) -> f32 {
+    let s = shape_sample(p);
+    return carved_extinction(s, p, t, false) - s.y * smooth_ramp((s.x - CARVE_EDGE) / CARVE_MEAN_RAMP);
+}
+
 /// Optical depth from `p` towards the sun by a march of steps that grow with distance; midpoint rule.
 fn secondary_march(p: vec3<f32>, t: f32) -> f32 {
     let sun = frame.marched_beam.xyz;
@@ -148,7 +162,6 @@ fn march_between(ray: Ray, from_m: f32, limit_m: f32) -> Met {
     }
     let slowest = -LOG2_E * frame.depth_scale / f32(1u << frame.octaves);
     let sun = frame.marched_beam.xyz;
-    let covered = FINE_FIRST_LENGTH_M + FINE_SECOND_LENGTH_M;
 
     var through = 1.0;
     var once_base = 0.0;
@@ -188,16 +201,21 @@ fn march_between(ray: Ray, from_m: f32, limit_m: f32) -> Met {
             step = min(max(frame.step_depth / max(thick, 1e-9), DEPTH_STEP_LEAST_M), step * DEPTH_STEP_LONGER);
         }
         if (thick > 0.0) {
+            let length = min(step, limit_m - begun);
+            let kept = exp2(thick * length * -LOG2_E);
+            // Where the step's light comes from: more of it from the front.
+            let lit = max(t + length * (place_of_light(ray.pattern, thick * length, kept) - ray.pattern), first);
+            let p = vec3<f32>(d.xy * lit + o.xy, lit * (d.z + curve * lit) + o.z);
             var depth = 0.0;
-            // Finer steps matter while the ray is near and not yet dimmed; both fade.
-            let fade = clamp((FINE_REACH_M - t) / FINE_FADE_M, 0.0, 1.0)
+            // What the detail adds to the mean cloud, or takes from it, matters while the ray is near and not yet dimmed; both fade.
+            let fade = clamp((FINE_REACH_M - lit) / FINE_FADE_M, 0.0, 1.0)
                 * clamp((through - FINE_DIMMED) / FINE_DIMMED, 0.0, 1.0)
-                * select(0.0, 1.0, frame.secondary_steps == 0u && frame.map_side == 0u);
+                * select(0.0, 1.0, frame.secondary_steps == 0u && frame.map_side == 0u && frame.detail_blend > 0.0);
             if (fade > 0.0) {
-                depth = fade * (extinction(p + sun * FINE_FIRST_M, t, false) * FINE_FIRST_LENGTH_M
-                    + extinction(p + sun * FINE_SECOND_M, t, false) * FINE_SECOND_LENGTH_M);
+                depth = fade * (beyond_mean(p + sun * FINE_FIRST_M, lit) * FINE_FIRST_LENGTH_M
+                    + beyond_mean(p + sun * FINE_SECOND_M, lit) * FINE_SECOND_LENGTH_M);
             }
-            let place = shape_place(p + sun * (fade * covered));
+            let place = shape_place(p);
             let row = shape.stride_x;
             let i = place.index;
             let j = i + row * shape.stride_y;
@@ -208,9 +226,9 @@ fn march_between(ray: Ray, from_m: f32, limit_m: f32) -> Met {
             if (frame.map_side != 0u) {
                 depth = map_depth(p);
             } else if (frame.secondary_steps == 0u) {
-                depth += DEPTH_UNIT * trilinear(vec4<f32>(low & deep), vec4<f32>(high & deep), place.fraction);
+                depth = max(depth + DEPTH_UNIT * trilinear(vec4<f32>(low & deep), vec4<f32>(high & deep), place.fraction), 0.0);
             } else {
-                depth = secondary_march(p, t);
+                depth = secondary_march(p, lit);
             }
             let sky_seen = (1.0 / 255.0) * trilinear(vec4<f32>((low >> vec4<u32>(16u)) & byte), vec4<f32>((high >> vec4<u32>(16u)) & byte), place.fraction);
             let ground_seen = (1.0 / 255.0) * trilinear(vec4<f32>(low >> vec4<u32>(24u)), vec4<f32>(high >> vec4<u32>(24u)), place.fraction);
@@ -229,7 +247,6 @@ fn march_between(ray: Ray, from_m: f32, limit_m: f32) -> Met {
             if (frame.octaves > 0u) {
                 scattered *= level_share(depth, sky_seen, passage);
             }
-            let kept = exp2(thick * min(step, limit_m - begun) * -LOG2_E);
             let share = through * (1.0 - kept);
             let height = clamp((p.z - shape.bottom_m) / (shape.top_m - shape.bottom_m), 0.0, 1.0);
             once_base += share * passed;

@@ -136,9 +136,12 @@ pub fn light(context: &LightContext) -> Result<LightReport, LadderError> {
     })
 }
 
+/// Goes up when the tracer or the world that it draws changes, so that what was kept before is not taken for the truth.
+const TRACED: u32 = 2;
+
 /// The file of a picture's traced paths. Its name holds all that they depend on, the program's version included.
 fn truth_file(folder: &Path, picture: &Picture) -> PathBuf {
-    let told = format!("{} {:?}", env!("CARGO_PKG_VERSION"), picture.settings);
+    let told = format!("{} {TRACED} {:?}", env!("CARGO_PKG_VERSION"), picture.settings);
     let hash = told.bytes().fold(fingerprint(&picture.volume), |hash, byte| {
         (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
     });
@@ -376,8 +379,7 @@ mod tests {
                 ("octaves 2", 1.03),
                 ("octaves 6", 1.03),
                 ("octaves 8", 1.03),
-                // On cells of up to 1.3 optical depths, which isotropic scattering does not make less, and by steps of one: light is looked up anywhere in a step, not where most of it comes from.
-                ("diffusion", if row.asymmetry > 0.0 { 1.02 } else { 1.06 }),
+                ("diffusion", 1.02),
                 ("slab", 1.05),
                 ("slab_collector", 1.05),
             ] {

@@ -10,7 +10,7 @@
 //! the faces across each axis let out times half the cell's resistance.
 //!
 //! Keeps: energy, to the solver's bound (a hundredth, lost). What a cell's source puts in leaves through the surface; the source is the midpoint's, which is less than what the beam
-//! loses in the cell. No absorption. Light that leaves one cloud for another is lost, and so is what comes back from the ground. Order 2 inside; at
+//! loses in the cell. No absorption. Light that leaves one cloud for another is even between all of them ([`super::between_clouds`]); what the ground sends back of it is lost. Order 2 inside; at
 //! surfaces, and where a cell is thin, diffusion is an approximation however fine the grid; the march scales it and what goes about the beam's way by
 //! [`super::diffusion_shares::diffusion_shares`], so that level slabs give back all that came in.
 //!
@@ -25,6 +25,7 @@
 use multiversion::multiversion;
 use rayon::prelude::*;
 
+use super::between_clouds::{Meetings, between_clouds, meetings};
 use super::diffusion_grids::Grids;
 use super::sun_optical_depth::{DEPTH_UNIT, SUN_MARCH_DEEP, SunLight};
 use crate::cpu::view::lanes::{Indices, LANES, Lanes};
@@ -35,11 +36,13 @@ crate::constants! {
     const DIFFUSION_RESISTANCE_LEAST: f32 = 0.005;
     /// What the surface resists, three times Milne's 0.7104: its fluence over this leaves.
     pub(super) const DIFFUSION_SURFACE_RESISTANCE: f32 = 2.1313;
+    /// Share of half a cell's resistance that lies between its middle and the cloud's surface: extinction falls about evenly to the middle of the empty cell beside it.
+    const RIM_SHARE: f32 = 0.75;
     /// Half a cell's resistance from which on its own fluence is looked up alone: light must not leap where a cell at the edge comes to be cloud.
     const SUBSTANCE_RESISTANCE: f32 = 0.05;
     /// Bounds of 3 F over the fluence: out of the cloud, and into it.
     pub(super) const FLUX_OUTWARD: f32 = 1.5;
-    pub(super) const FLUX_INWARD: f32 = 0.8;
+    pub(super) const FLUX_INWARD: f32 = 0.6;
     /// Of the packed flux: the code of none, and codes from there to [`FLUX_OUTWARD`].
     const FLUX_NONE: u32 = 64;
     const FLUX_CODES: u32 = 62;
@@ -73,6 +76,8 @@ pub struct Diffuse {
     centre: Vec<f32>,
     /// A row of empty cells.
     nothing: Vec<f32>,
+    /// What lines from the lowest level's rows meet.
+    met: Vec<Meetings>,
     grids: Grids,
 }
 
@@ -139,6 +144,16 @@ impl Diffuse {
                 [east, north, up, outside],
             );
         });
+        // Row by row, so that the sum does not hang on how many threads there are.
+        let given = grid
+            .source
+            .chunks(nx)
+            .map(|row| f64::from(row.iter().sum::<f32>()))
+            .sum();
+        self.met.resize(ny, Meetings::default());
+        let rows = self.met.par_iter_mut().enumerate();
+        rows.for_each(|(j, met)| *met = meetings(transport, cells, size, j));
+        let between = between_clouds(&self.met, cells, size, given);
         let solved = self.grids.solve();
         let rows = self.flow.par_chunks_mut(nx).zip(self.centre.par_chunks_mut(nx));
         rows.enumerate().for_each(|(n, (flow, centre))| {
@@ -168,7 +183,7 @@ impl Diffuse {
                 let first = at((j + ny + c % 3 - 1) % ny, level.min(nz - 1));
                 *row = (level < nz).then(|| (&transport[first..][..nx], &centre[first..][..nx], &flow[first..][..nx]));
             }
-            surface_row(&rows, size, &mut to[1..=nx]);
+            surface_row(&rows, size, between, &mut to[1..=nx]);
             (to[0], to[nx + 1]) = (to[nx], to[1]);
         });
     }
@@ -277,6 +292,12 @@ fn half_resistance(transport_per_m: f32, size_m: f32) -> f32 {
     (1.5 * transport_per_m * size_m).max(DIFFUSION_RESISTANCE_LEAST)
 }
 
+/// Resistance from the middle of a cell, of which `half` is half a cell's, to the outside.
+#[inline(always)]
+fn to_outside(half: f32) -> f32 {
+    half * RIM_SHARE + DIFFUSION_SURFACE_RESISTANCE
+}
+
 /// A row's conductances to the next cells east, north and up, and to the outside; `sides` are the rows south and north, below and above. An axis of one cell conducts nothing.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma",
@@ -299,7 +320,7 @@ fn conduct_row(
         if a > 0.0 && b > 0.0 { through } else { 0.0 }
     };
     let lost = |a: f32, b: f32, axis: usize| {
-        let through = face[axis] / (half_resistance(a, size_m[axis]) + DIFFUSION_SURFACE_RESISTANCE);
+        let through = face[axis] / to_outside(half_resistance(a, size_m[axis]));
         if a > 0.0 && b <= 0.0 { through } else { 0.0 }
     };
     to_north.fill(0.0);
@@ -365,7 +386,7 @@ fn flow_row(
     let through = |i: usize, (beside, other): (&[f32], &[f32]), at: usize, axis: usize| {
         let half = half_resistance(here[i], size_m[axis]);
         let inside = (other[at] - fluence[i]) / (half + half_resistance(beside[at], size_m[axis]));
-        let outside = -fluence[i] / (half + DIFFUSION_SURFACE_RESISTANCE);
+        let outside = -fluence[i] / to_outside(half);
         if beside[at] > 0.0 { inside } else { outside }
     };
     for i in 0..n {
@@ -399,14 +420,14 @@ fn substance(transport_per_m: f32, mean_m: f32) -> f32 {
 /// A row of cells: extinction, fluence at their centres, and -3 F.
 type Row<'a> = (&'a [f32], &'a [f32], &'a [[f32; 3]]);
 
-/// A row's fluence and flux, packed, and in cells beside cloud what is at their neighbours' surface, the more the less they are cloud themselves: a place between two cells is looked up in both. `rows` are the nine around,
+/// A row's fluence and flux, packed, with what is `between` clouds, and in cells beside cloud what is at their neighbours' surface, the more the less they are cloud themselves: a place between two cells is looked up in both. `rows` are the nine around,
 /// from south-below on.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+fma",
     "x86_64+avx2+fma",
     "aarch64+neon"
 ))]
-fn surface_row(rows: &[Option<Row<'_>>; 9], size_m: [f32; 3], to: &mut [u32]) {
+fn surface_row(rows: &[Option<Row<'_>>; 9], size_m: [f32; 3], between: f32, to: &mut [u32]) {
     let n = to.len();
     let mean_m = (size_m[0] + size_m[1] + size_m[2]) / 3.0;
     let around = [1.0, SURFACE_MIDDLE, 1.0];
@@ -414,7 +435,7 @@ fn surface_row(rows: &[Option<Row<'_>>; 9], size_m: [f32; 3], to: &mut [u32]) {
     for i in 0..n {
         let own = substance(here[i], mean_m);
         if own >= 1.0 {
-            to[i] = packed(inside[i], flows[i]);
+            to[i] = packed(inside[i] + between, flows[i]);
             continue;
         }
         let (mut sum, mut flow, mut weights) = (0.0f32, [0.0f32; 3], 0.0f32);
@@ -428,8 +449,7 @@ fn surface_row(rows: &[Option<Row<'_>>; 9], size_m: [f32; 3], to: &mut [u32]) {
                     // Behind the surface light meets nothing more: the fluence is the surface's.
                     let half = half_resistance(transport[at], mean_m);
                     let weight = weight * around[a] * substance(transport[at], mean_m);
-                    sum +=
-                        weight * fluence[at] * (DIFFUSION_SURFACE_RESISTANCE / (DIFFUSION_SURFACE_RESISTANCE + half));
+                    sum += weight * fluence[at] * (DIFFUSION_SURFACE_RESISTANCE / to_outside(half));
                     for (to, from) in flow.iter_mut().zip(flows[at]) {
                         *to += weight * from;
                     }
@@ -440,9 +460,9 @@ fn surface_row(rows: &[Option<Row<'_>>; 9], size_m: [f32; 3], to: &mut [u32]) {
         to[i] = if weights > 0.0 {
             let rest = (1.0 - own) / weights;
             let flow = [0, 1, 2].map(|axis| own * flows[i][axis] + rest * flow[axis]);
-            packed(own * inside[i] + rest * sum, flow)
+            packed(own * inside[i] + rest * sum + between, flow)
         } else {
-            packed(inside[i], flows[i])
+            packed(inside[i] + between, flows[i])
         };
     }
 }

@@ -5,6 +5,7 @@
 
 pub mod analytic_sky;
 pub mod atmosphere;
+pub(crate) mod between_clouds;
 pub mod diffusion;
 pub(crate) mod diffusion_grids;
 pub mod diffusion_shares;

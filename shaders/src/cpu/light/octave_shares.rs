@@ -34,7 +34,7 @@ crate::constants! {
     /// See [`LEVEL_FROM`].
     pub const LEVEL_OVER: f32 = 10.0;
     /// How far the cosine goes from the sun's own towards the ratio: what gave the least error by a low sun.
-    pub const TURNED_SHARE: f32 = 0.3;
+    pub const TURNED_SHARE: f32 = 0.2;
 }
 /// Slabs that let less pass are taken as this one.
 const PASSAGE_LEAST: f64 = 0.004;

@@ -1,7 +1,7 @@
 //! Stage `sky_light`: what the sky as a whole gives to clouds and ground.
 //!
-//! Reads: [`Atmosphere`] and its tables, a [`SkySource`], two heights. Writes: [`SkyLight`]. Scheme: the sky's radiance
-//! summed over 8 rings of equal solid angle by 12 azimuths.
+//! Reads: [`Atmosphere`] and its tables, a [`SkySource`], the heights of the clouds' base and top. Writes: [`SkyLight`]. Scheme: the sky's radiance
+//! summed over 8 rings of equal solid angle by 12 azimuths, as level ground sees it and as it is midway between the clouds' base and top, where less haze lies above.
 
 use std::f32::consts::PI;
 
@@ -18,8 +18,8 @@ crate::constants! {
     const SKY_LIGHT_RINGS: usize = 8;
     /// Directions a ring.
     const SKY_LIGHT_AROUND: usize = 12;
-    /// Height that the sky is seen from, m.
-    const SKY_LIGHT_HEIGHT_M: f32 = 10.0;
+    /// Height that the ground sees the sky from, m.
+    pub(crate) const SKY_LIGHT_HEIGHT_M: f32 = 10.0;
 }
 
 /// Light for clouds and ground, relative to the sun's irradiance above the atmosphere.
@@ -31,7 +31,7 @@ pub struct SkyLight {
     pub sun_at_top: [f32; 3],
     /// The same at the ground.
     pub sun_at_ground: [f32; 3],
-    /// Mean radiance of the upper half of the sky.
+    /// Mean radiance of the upper half of the sky, midway between the clouds' base and top.
     pub sky_radiance: [f32; 3],
     /// Irradiance of level ground by the sky without the sun.
     pub sky_irradiance: [f32; 3],
@@ -51,9 +51,13 @@ impl SkyLight {
         base_top_m: [f32; 2],
     ) -> SkyLight {
         let (rings, around) = (SKY_LIGHT_RINGS, SKY_LIGHT_AROUND);
-        let looks: Vec<([f32; 3], f32)> = (0..rings * around)
+        let count = rings * around;
+        // From the ground, and from the clouds' middle.
+        let heights_m = [SKY_LIGHT_HEIGHT_M, 0.5 * (base_top_m[0] + base_top_m[1])];
+        let looks: Vec<([f32; 3], f32)> = (0..2 * count)
             .into_par_iter()
-            .map(|n| {
+            .map(|look| {
+                let n = look % count;
                 let sine = ((n / around) as f32 + 0.5) / rings as f32;
                 let azimuth = ((n % around) as f32 + 0.5) / around as f32 * 2.0 * PI;
                 let side = (1.0 - sine * sine).sqrt();
@@ -62,7 +66,7 @@ impl SkyLight {
                     air,
                     transmittance,
                     multiple,
-                    SKY_LIGHT_HEIGHT_M,
+                    heights_m[look / count],
                     direction,
                     source,
                     Some(false),
@@ -70,12 +74,12 @@ impl SkyLight {
                 (analytic.map_or(scattered, |a| a.over(scattered, direction)), sine)
             })
             .collect();
-        let n = looks.len() as f32;
-        let sum = |weight: &dyn Fn(f32) -> f32| {
-            [0, 1, 2].map(|c| looks.iter().map(|(light, sine)| light[c] * weight(*sine)).sum::<f32>() / n)
+        let (at_ground, at_clouds) = looks.split_at(count);
+        let sum = |looks: &[([f32; 3], f32)], weight: &dyn Fn(f32) -> f32| {
+            [0, 1, 2].map(|c| looks.iter().map(|(light, sine)| light[c] * weight(*sine)).sum::<f32>() / count as f32)
         };
-        let sky_radiance = sum(&|_| 1.0);
-        let sky_irradiance = sum(&|sine| 2.0 * PI * sine);
+        let sky_radiance = sum(at_clouds, &|_| 1.0);
+        let sky_irradiance = sum(at_ground, &|sine| 2.0 * PI * sine);
         let mu = source.direction[2];
         let beam_at = |height_m: f32| {
             let passed = transmittance.of_sun(height_m, mu);
@@ -118,5 +122,28 @@ impl SkyLight {
             light.ground_radiance = light.ground_gives(ground_albedo, moon_sine);
         }
         light
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Higher clouds have less air above them: their sky is darker, red most of all, for haze scatters all colours; what the ground gets does not hang on the clouds' height.
+    #[test]
+    fn the_sky_is_darker_from_higher_clouds() {
+        let air = Atmosphere::new(1.0, None);
+        let transmittance = TransmittanceTable::new(&air);
+        let multiple = MultipleScatteringTable::new(&air, &transmittance);
+        let source = SkySource::sun([0.0, 0.6, 0.8], false);
+        let of = |base_top_m| SkyLight::new(&air, &transmittance, &multiple, [0.2; 3], &source, None, base_top_m);
+        let [low, high] = [of([10.0, 10.0]), of([2_000.0, 4_000.0])];
+        assert_eq!(low.sky_irradiance, high.sky_irradiance);
+        let ratio = [0, 1, 2].map(|c| high.sky_radiance[c] / low.sky_radiance[c]);
+        assert!(
+            ratio[0] < ratio[1] && ratio[1] < ratio[2] && ratio[2] < 1.0,
+            "{ratio:?}"
+        );
+        assert!(ratio[0] > 0.2, "{ratio:?}");
     }
 }

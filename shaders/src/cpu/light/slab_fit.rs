@@ -36,7 +36,7 @@ const ROOT_STEP: f32 = 1.0 / 1024.0;
 /// Steps of a difference's root, and its code where there is none.
 const SHIFT_STEP: f32 = 1.0 / 510.0;
 const SHIFT_ZERO: f32 = 32_768.0;
-/// Depths towards the sun are the march's own, with its finer steps, below this; the stage's above.
+/// Depths towards the sun are the march's own, with the detail near by, below this; the stage's above.
 const OWN_DEPTH_MAX: f32 = 50.0;
 /// Least cosine between sun and normal: the tables' first.
 pub(super) const COSINE_LEAST: f32 = 1.0 / SUNS as f32;

@@ -10,7 +10,7 @@
 use multiversion::multiversion;
 
 use super::lanes::{Indices, LANES, Lanes};
-use super::march::{Frame, NEAR_DETAIL_M, OCTAVES_MAX, Occlusion, Rays, extinction};
+use super::march::{Frame, NEAR_DETAIL_M, OCTAVES_MAX, Occlusion, Rays, carved_extinction, extinction};
 use super::shape::{Shape, trilinear};
 use crate::cpu::light::octave_shares::{
     LEVEL_DEPTH, LEVEL_FROM, LEVEL_OVER, LEVEL_RESISTANCE, OCTAVE_SHARE_NODES, TURNED_SHARE,
@@ -18,15 +18,16 @@ use crate::cpu::light::octave_shares::{
 use crate::cpu::light::sun_optical_depth::{DEPTH_UNIT, SUN_MARCH_REACH_M, SunLight, marched_direction};
 
 crate::constants! {
-    /// Distances of the two finer steps towards the sun and their lengths, m.
+    /// Distances of the two finer steps towards the sun and their lengths, m: there what the detail adds to the mean cloud, which the stored depth is of, is taken. Their own extinction in its place would make light, for they
+    /// are 2 to 3 optical depths long in dense cloud, and light falls convexly.
     const FINE_FIRST_M: f32 = 18.0;
     const FINE_FIRST_LENGTH_M: f32 = 36.0;
     const FINE_SECOND_M: f32 = 63.0;
     const FINE_SECOND_LENGTH_M: f32 = 54.0;
-    /// Fine steps are left out beyond the first distance, m, and fade over the second.
+    /// Finer steps are left out beyond the first distance, m, and fade over the second.
     const FINE_REACH_M: f32 = 7_000.0;
     const FINE_FADE_M: f32 = 1_000.0;
-    /// Fine steps are left out below this transmittance, and are whole at twice as much.
+    /// Finer steps are left out below this transmittance, and are whole at twice as much.
     const FINE_DIMMED: f32 = 0.25;
     /// Share of the ground's light that clouds can take by their shadow.
     const COVERED_GROUND: f32 = 0.6;
@@ -216,23 +217,20 @@ fn add_light(
         let of_ray = |values: &Lanes| ray.gather_f32(&values.0);
         let d = [of_ray(&rays.d[0]), of_ray(&rays.d[1]), of_ray(&rays.d[2])];
         let p = [d[0] * t + ox, d[1] * t + oy, t * (d[2] + of_ray(&rays.curve) * t) + oz];
-        let (mut depth, mut at) = (zero, p);
-        if fade.any_above(0.0) {
-            let mut covered = 0.0;
+        let mut depth = zero;
+        if let (Some(detail), true) = (&frame.detail, fade.any_above(0.0)) {
             for [reach, length] in FINE_STEPS_M {
                 let q = [p[0] + sun[0] * reach, p[1] + sun[1] * reach, p[2] + sun[2] * reach];
-                depth = depth + extinction(frame, shape, &q, t, NEAR_DETAIL_M) * length;
-                covered += length;
+                let (cover, amplitude) = shape.sample(q[0], q[1], q[2]);
+                let carved = carved_extinction(frame.noise, detail, [cover, amplitude], &q, t, NEAR_DETAIL_M);
+                depth = depth + (carved - shape.mean_extinction(cover, amplitude, true)) * length;
             }
             depth = depth * fade;
-            for a in 0..3 {
-                at[a] = p[a] + fade * (covered * sun[a]);
-            }
         }
-        let (index, f) = shape.place(at[0], at[1], at[2]);
+        let (index, f) = shape.place(p[0], p[1], p[2]);
         let corners = shape.corners(&sun_light.words, index);
         depth = match frame.occlusion {
-            Occlusion::Grid => depth + trilinear(&corners, 0, 0xffff, &f) * DEPTH_UNIT,
+            Occlusion::Grid => (depth + trilinear(&corners, 0, 0xffff, &f) * DEPTH_UNIT).max(zero),
             Occlusion::Steps(steps) => secondary_march(frame, shape, &p, &sun, steps, t),
             Occlusion::Map(map) => map.optical_depth(p[0], p[1], p[2]),
         };

@@ -173,9 +173,14 @@ impl Lanes {
     /// Each lane, not negative, to the power of `exponent`.
     #[inline(always)]
     pub fn powf(self, exponent: f32) -> Lanes {
+        (self.log2() * exponent).exp2()
+    }
+    /// Logarithm to base 2 of positive numbers.
+    #[inline(always)]
+    pub fn log2(self) -> Lanes {
         let mut r = self;
         for l in 0..LANES {
-            r.0[l] = exp2(log2(self.0[l]) * exponent);
+            r.0[l] = log2(self.0[l]);
         }
         r
     }

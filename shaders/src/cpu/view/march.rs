@@ -2,8 +2,9 @@
 //!
 //! Reads: [`Frame`]. Writes: rows of RGB bytes. Scheme: a packet is 4 x 4 pixels. Each ray is cut to the slab that holds cloud (the Earth curves
 //! away by d^2 / 2R), leaps over empty space by [`Shape::empty_distance_m`], and in cloud takes steps of 15 m growing with
-//! distance (or of the same optical depth, or logarithmic: [`crate::view::ViewSteps`]); a step's light is integrated in closed form (Hillaire 2015). Its source is sunlight that passed the cloud (the stored
-//! optical depth, and two finer steps with the detail noise while the ray is near and little dimmed), scattered once by the droplets' phase function and further by
+//! distance (or of the same optical depth, or logarithmic: [`crate::view::ViewSteps`]); a step's light is integrated in closed form (Hillaire 2015), its source looked up where the pattern's share of the step's light comes from, not of its way: so it is right for any source, and steps of one optical depth
+//! make no light. The source is sunlight that passed the cloud (the stored
+//! optical depth of the mean cloud, and while the ray is near and little dimmed two finer steps, of which what the detail adds to the mean is taken), scattered once by the droplets' phase function and further by
 //! octaves (Wrenninge et al. 2013: each with half the extinction, a share of the light, a rounder phase), and the diffuse
 //! light of sky and ground. In place of the stored depth there may be a march from each sample or a map of the sun's rays, in place of the octaves
 //! multiple forward scattering, diffused light or that of fitted slabs: [`crate::view::Lighting`]. Octaves and diffused light are as strong as a level slab
@@ -68,6 +69,8 @@ crate::constants! {
     /// Steps by optical depth are no shorter than this, m, and no longer than so many of those by distance.
     const DEPTH_STEP_LEAST_M: f32 = 4.0;
     const DEPTH_STEP_LONGER: f32 = 4.0;
+    /// Optical depth of a step below which where its light comes from is a series: its error is below that of the logarithm of numbers near 1.
+    const THIN_STEP: f32 = 0.03;
     /// Length that logarithmic segments grow from, m.
     const SEGMENT_UNIT_M: f32 = 50.0;
     /// Steps at most.
@@ -641,7 +644,9 @@ fn march<const LIMITED: bool>(
                 let length = if LIMITED { step.min(limit_m - begun) } else { step };
                 let kept = (extinction * length * -std::f32::consts::LOG2_E).exp2();
                 let share = through * (one - kept);
-                noted.add(frame, (shape, sun_light), rays, t, through, share);
+                // Where the step's light comes from: more of it from the front.
+                let lit = (t + length * (place_of_light(pattern, extinction * length, kept) - pattern)).max(first);
+                noted.add(frame, (shape, sun_light), rays, lit, through, share);
                 distance = distance + share * t;
                 weights = weights + share;
                 through = through * kept;
@@ -656,6 +661,19 @@ fn march<const LIMITED: bool>(
     met.through = ((through - MARCH_THROUGH_END) / Lanes::splat(1.0 - MARCH_THROUGH_END)).clamp(0.0, 1.0);
     met.distance_m = distance / weights.max(Lanes::splat(1e-6));
     met
+}
+
+/// The share of a step's length, even in extinction, of optical depth `depth` and passed by `kept` of the light, before which the share `part` lies of the light that reaches the camera from it.
+#[inline(always)]
+fn place_of_light(part: Lanes, depth: Lanes, kept: Lanes) -> Lanes {
+    let thick = (Lanes::splat(1.0) - part * (Lanes::splat(1.0) - kept)).log2() * -std::f32::consts::LN_2;
+    let thin = part - depth * part * (Lanes::splat(1.0) - part) * 0.5;
+    Lanes::select_less(
+        depth,
+        Lanes::splat(THIN_STEP),
+        thin,
+        thick / depth.max(Lanes::splat(THIN_STEP)),
+    )
 }
 
 /// Length of a step in cloud at distance `t`, m.
@@ -720,8 +738,23 @@ pub(crate) fn detailed_extinction(
     close_m: f32,
 ) -> Lanes {
     let (cover, amplitude) = shape.sample(p[0], p[1], p[2]);
+    match detail {
+        Some(detail) => carved_extinction(noise, &detail, [cover, amplitude], p, t, close_m),
+        None => amplitude * cover,
+    }
+}
+
+/// Extinction that the detail makes of a cover and an amplitude.
+#[inline(always)]
+pub(super) fn carved_extinction(
+    noise: &DetailNoise,
+    detail: &FrameDetail,
+    [cover, amplitude]: [Lanes; 2],
+    p: &[Lanes; 3],
+    t: Lanes,
+    close_m: f32,
+) -> Lanes {
     let plain = amplitude * cover;
-    let Some(detail) = detail else { return plain };
     // Where no noise could push the edge so far out there is nothing to look up: carved cloud is 0 there.
     // The factor keeps rounding from telling this from the whole way, which other rays of the packet may ask for.
     if !cover.any_above(0.999 * CARVE_EDGE / (1.0 + PUSH_MOST * DETAIL_HELD * detail.push)) {
@@ -744,4 +777,32 @@ pub(crate) fn detailed_extinction(
     let level = cover + push * detail.push * held - CARVE_EDGE;
     let carved = amplitude * (level * (1.0 / CARVE_RAMP)).smoothstep();
     plain.lerp(carved, Lanes::splat(detail.blend))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Half of a step's light comes from before its median, by f64's logarithm; a clear step's from its first half; and the mean of any source over the parts is what the step's equation gives.
+    #[test]
+    fn a_steps_light_is_looked_up_where_it_comes_from() {
+        for depth in [1e-6f32, 0.01, 0.029, 0.031, 0.3, 1.0, 4.0, 12.0, 60.0] {
+            let kept = f64::from(-depth).exp();
+            let of =
+                |part: f32| place_of_light(Lanes::splat(part), Lanes::splat(depth), Lanes::splat(kept as f32)).0[0];
+            for n in 0..=100 {
+                let part = n as f32 / 100.0 * 0.999;
+                let truth = -(f64::from(part) * (kept - 1.0)).ln_1p() / f64::from(depth);
+                let ours = f64::from(of(part));
+                assert!((ours - truth).abs() < 1e-4, "{depth} {part}: {ours} {truth}");
+                assert!((0.0..=1.0).contains(&ours), "{depth} {part}: {ours}");
+            }
+            // A source that falls as exp(-2 t) with the depth t: its integral has exp(-3 t) in place of exp(-t).
+            let mean = (0..2000)
+                .map(|n| (-2.0 * f64::from(depth) * f64::from(of((n as f32 + 0.5) / 2000.0))).exp() / 2000.0)
+                .sum::<f64>();
+            let truth = (1.0 - kept.powi(3)) / 3.0 / -(f64::from(-depth).exp_m1());
+            assert!((mean / truth - 1.0).abs() < 2e-3, "{depth}: {mean} {truth}");
+        }
+    }
 }

@@ -27,9 +27,10 @@ use crate::cpu::light::diffusion::Diffuse;
 use crate::cpu::light::march_phase::MarchPhase;
 use crate::cpu::light::moon::MoonDisc;
 use crate::cpu::light::multiple_scattering_table::MultipleScatteringTable;
-use crate::cpu::light::path_tracer::{Film, Scatterer, volume};
+use crate::cpu::light::path_tracer::volume::{self, Skies};
+use crate::cpu::light::path_tracer::{Film, Scatterer};
 use crate::cpu::light::phase_table::PhaseChoice;
-use crate::cpu::light::sky_light::SkyLight;
+use crate::cpu::light::sky_light::{SKY_LIGHT_HEIGHT_M, SkyLight};
 use crate::cpu::light::sky_table::SkyTable;
 use crate::cpu::light::sky_visibility::sky_visibility;
 use crate::cpu::light::slab_collector::collected;
@@ -57,6 +58,7 @@ use upsample::Samples;
 pub struct Prepared {
     noise: Option<DetailNoise>,
     scatterer: Option<(PhaseChoice, Scatterer)>,
+    skies: Option<(LightKey, Skies)>,
     phase: Option<(PhaseKey, MarchPhase)>,
     air: Option<(Atmosphere, TransmittanceTable, MultipleScatteringTable)>,
     sky: Option<(SkyKey, SkyTable, Option<SkyTable>)>,
@@ -232,8 +234,27 @@ pub fn path_trace(
     if prepared.scatterer.as_ref().is_none_or(|(choice, _)| *choice != phase) {
         prepared.scatterer = Some((phase, Scatterer::new(phase)));
     }
-    if let (Some(frame), Some((_, scatterer))) = (prepared.frame(&look, settings), &prepared.scatterer) {
-        volume::trace(&frame, scatterer, albedo, film, samples);
+    let (Some((air, transmittance, multiple)), Some((light_key, _))) = (&prepared.air, &prepared.light) else {
+        return;
+    };
+    if prepared.skies.as_ref().is_none_or(|(key, _)| key != light_key) {
+        let sources = look.sources();
+        let at = |height_m: f32| {
+            let table = |source, formula| SkyTable::new(air, transmittance, multiple, source, formula, height_m);
+            let moon = sources.moon.as_ref().map(|(moon, _)| table(moon, None));
+            (table(&sources.sun, sources.analytic.as_ref()), moon)
+        };
+        let [base_m, top_m] = light_key.3;
+        let skies = Skies {
+            at_ground: at(SKY_LIGHT_HEIGHT_M),
+            at_clouds: at(0.5 * (base_m + top_m)),
+        };
+        prepared.skies = Some((*light_key, skies));
+    }
+    if let (Some(frame), Some((_, scatterer)), Some((_, skies))) =
+        (prepared.frame(&look, settings), &prepared.scatterer, &prepared.skies)
+    {
+        volume::trace(&frame, skies, scatterer, albedo, film, samples);
     }
 }
 

@@ -55,11 +55,11 @@ pub trait Medium: Sync {
     fn extinction(&self, at: &[[f64; 3]; LANES]) -> [f64; LANES];
     /// The sun's irradiance across its beam at a place, cloud left out.
     fn sun(&self, at: &[f64; 3]) -> [f64; 3];
-    /// Radiance of the sky where a scattered path ends.
-    fn sky(&self, along: &[f64; 3]) -> [f64; 3];
+    /// Radiance of the sky where a path ends that was turned last in cloud or, with `from_ground`, by the ground.
+    fn sky(&self, along: &[f64; 3], from_ground: bool) -> [f64; 3];
     /// The same where the camera looks straight at it.
     fn background(&self, along: &[f64; 3]) -> [f64; 3] {
-        self.sky(along)
+        self.sky(along, true)
     }
     /// What the air before the first collision adds, and the share that it lets pass.
     fn air(&self, _at: &[f64; 3], _along: &[f64; 3]) -> [[f64; 3]; 2] {
@@ -192,6 +192,8 @@ struct Path {
     scatterings: u32,
     /// Nothing was met yet.
     fresh: bool,
+    /// The ground has turned it last.
+    from_ground: bool,
     /// Only the peak has turned it yet.
     peak_only: bool,
     /// Where the walk goes on after a look at the sun.
@@ -216,6 +218,7 @@ impl Path {
             light: [0.0; 3],
             scatterings: 0,
             fresh: true,
+            from_ground: false,
             peak_only: true,
             resume: [[0.0; 3]; 2],
             carried: [0.0; 3],
@@ -338,7 +341,7 @@ impl<M: Medium> PathTracer<'_, M> {
                 let radiance = if path.fresh {
                     self.medium.background(&path.along)
                 } else {
-                    self.medium.sky(&path.along)
+                    self.medium.sky(&path.along, path.from_ground)
                 };
                 path.gain(&radiance);
                 path.stage = Stage::Idle;
@@ -429,6 +432,7 @@ impl<M: Medium> PathTracer<'_, M> {
             }
         }
         path.peak_only &= by_peak;
+        path.from_ground = false;
         path.weaken(&weights);
         path.resume = [at, next];
         self.look_or_go_on(path, looks);
@@ -445,6 +449,7 @@ impl<M: Medium> PathTracer<'_, M> {
             path.weaken(&albedo);
         }
         path.peak_only = false;
+        path.from_ground = true;
         if !self.survives(path) {
             path.stage = Stage::Idle;
             return;

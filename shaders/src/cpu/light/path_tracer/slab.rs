@@ -40,7 +40,7 @@ impl Medium for Slab {
     fn sun(&self, _at: &[f64; 3]) -> [f64; 3] {
         [1.0; 3]
     }
-    fn sky(&self, along: &[f64; 3]) -> [f64; 3] {
+    fn sky(&self, along: &[f64; 3], _from_ground: bool) -> [f64; 3] {
         [if along[2] > 0.0 {
             self.from_above
         } else {

@@ -1,8 +1,8 @@
 //! The cloud of a picture for the path tracer: the very field that the march samples, detail and all.
 //!
 //! What is the march's own approximation is taken over where it is not about light in cloud, so that both draw the same world: the clear air lies only
-//! between the camera and the first thing met, with the sky table's light; the sky's light is the table made for the
-//! camera; the sun is a point whose light grows linearly from the cloud's base to its top; detail fades with the distance from the camera. The Earth's
+//! between the camera and the first thing met, with the sky table's light; a path that was turned in cloud meets the sky as it is midway between the clouds' base and top, one
+//! that the ground turned as it is there (stage `sky_light` has the same heights); the sun is a point whose light grows linearly from the cloud's base to its top; detail fades with the distance from the camera. The Earth's
 //! curvature is kept (rays are straight, the cloud bends down). No cloud is met beyond 60 km from the camera, nor by light that has
 //! gone 100 km.
 
@@ -10,6 +10,7 @@ use multiversion::multiversion;
 
 use super::{Film, Flight, Medium, PathTracer, Scatterer};
 use crate::cpu::light::atmosphere::EARTH_RADIUS_M;
+use crate::cpu::light::sky_table::SkyTable;
 use crate::cpu::view::detail_noise::DetailNoise;
 use crate::cpu::view::lanes::{LANES, Lanes};
 use crate::cpu::view::march::{
@@ -27,9 +28,18 @@ const REACH_M: f64 = 100_000.0;
 /// Step over a brick's border, m.
 const OVER_BORDER_M: f64 = 1e-3;
 
+/// Skies that paths end in: the sun's, and the moon's if it lights one.
+pub struct Skies {
+    /// As the ground sees it.
+    pub at_ground: (SkyTable, Option<SkyTable>),
+    /// As it is midway between the clouds' base and top.
+    pub at_clouds: (SkyTable, Option<SkyTable>),
+}
+
 /// See the module.
 pub struct Volume<'a> {
     frame: &'a Frame<'a>,
+    skies: &'a Skies,
     bricks: Option<Bricks<'a>>,
 }
 
@@ -96,9 +106,10 @@ fn most_of(cover: f32, detail: Option<FrameDetail>) -> f32 {
 
 impl<'a> Volume<'a> {
     /// Of a picture's frame.
-    pub fn new(frame: &'a Frame<'a>) -> Volume<'a> {
+    pub fn new(frame: &'a Frame<'a>, skies: &'a Skies) -> Volume<'a> {
         Volume {
             frame,
+            skies,
             bricks: frame.cloud.map(|(shape, _)| Bricks::new(shape, frame.detail)),
         }
     }
@@ -152,15 +163,22 @@ impl<'a> Volume<'a> {
         [passed(end.min(f64::from(SKY_DISTANCE_M))), passed(distance)]
     }
     fn look(&self, along: &[f64; 3], below: bool) -> [f64; 3] {
-        let lowest = self.frame.sky.horizon_sine + 2e-4;
-        let z = if below {
-            along[2] as f32
-        } else {
-            (along[2] as f32).max(lowest)
-        };
-        let direction = [along[0] as f32, along[1] as f32, z].map(Lanes::splat);
-        self.frame.sky_look(&direction).map(|c| f64::from(c.0[0]))
+        look([Some(self.frame.sky), self.frame.moon_sky], along, below)
     }
+}
+
+/// Radiance of skies added; `below` looks at the ground, else what lies below the horizon is the horizon.
+fn look(skies: [Option<&SkyTable>; 2], along: &[f64; 3], below: bool) -> [f64; 3] {
+    let mut light = [0.0; 3];
+    for sky in skies.into_iter().flatten() {
+        let z = along[2] as f32;
+        let z = if below { z } else { z.max(sky.horizon_sine + 2e-4) };
+        let own = sky.look(&[along[0] as f32, along[1] as f32, z].map(Lanes::splat));
+        for c in 0..3 {
+            light[c] += f64::from(own[c].0[0]);
+        }
+    }
+    light
 }
 
 fn go(at: &mut [f64; 3], along: &[f64; 3], distance: f64) {
@@ -285,8 +303,14 @@ impl Medium for Volume<'_> {
         }
     }
 
-    fn sky(&self, along: &[f64; 3]) -> [f64; 3] {
-        self.look(along, false)
+    fn sky(&self, along: &[f64; 3], from_ground: bool) -> [f64; 3] {
+        let skies = self.skies;
+        let (sun, moon) = if from_ground {
+            &skies.at_ground
+        } else {
+            &skies.at_clouds
+        };
+        look([Some(sun), moon.as_ref()], along, false)
     }
 
     fn background(&self, along: &[f64; 3]) -> [f64; 3] {
@@ -370,8 +394,8 @@ fn look_up(shape: &Shape, noise: &DetailNoise, detail: Option<FrameDetail>, p: &
 }
 
 /// Adds `samples` paths through the middle of every pixel of a frame's picture to its film.
-pub fn trace(frame: &Frame<'_>, scatterer: &Scatterer, albedo: f64, film: &mut Film, samples: u32) {
-    let medium = Volume::new(frame);
+pub fn trace(frame: &Frame<'_>, skies: &Skies, scatterer: &Scatterer, albedo: f64, film: &mut Film, samples: u32) {
+    let medium = Volume::new(frame, skies);
     let sun = frame.beam_direction.map(f64::from);
     let length = (sun[0] * sun[0] + sun[1] * sun[1] + sun[2] * sun[2]).sqrt();
     let lit = [
