@@ -11,6 +11,7 @@ use welkin_shaders::cpu::light::sky_table::{SkySource, SkyTable};
 use welkin_shaders::cpu::light::sky_visibility::sky_visibility;
 use welkin_shaders::cpu::light::slab_collector::collected;
 use welkin_shaders::cpu::light::slab_fit::SlabFit;
+use welkin_shaders::cpu::light::slab_tables::SlabSources;
 use welkin_shaders::cpu::light::sun_optical_depth::SunLight;
 use welkin_shaders::cpu::light::transmittance_table::TransmittanceTable;
 use welkin_shaders::cpu::view::Scattering;
@@ -179,13 +180,14 @@ fn sun_of(cosine: f64) -> [f32; 3] {
 /// All slabs with the march of these ways through cloud.
 pub(super) fn all(ways: &[(Scattering, u32)]) -> Vec<SlabRow> {
     let night = Night::new();
+    let sources = COLUMNS.map(|[asymmetry, _]| SlabSources::kept(asymmetry as f32));
     let mut rows = Vec::new();
     for (depth, published) in DEPTHS.iter().zip(REFLECTED) {
         let volume = slab(*depth);
         let Some(shape) = Shape::new(&volume) else { continue };
         let [nx, ny, _] = volume.grid.cells;
         let seen = sky_visibility(&shape.slab_per_m, [nx, ny], volume.grid.cell_size_m);
-        for ([asymmetry, sun_cosine], published) in COLUMNS.iter().zip(published) {
+        for (([asymmetry, sun_cosine], sources), published) in COLUMNS.iter().zip(&sources).zip(published) {
             let sun = sun_of(*sun_cosine);
             let sun_light = SunLight::new(&shape, &seen, false, false, sun);
             let straight = (-depth / sun_cosine).exp();
@@ -194,9 +196,10 @@ pub(super) fn all(ways: &[(Scattering, u32)]) -> Vec<SlabRow> {
                 let phase = MarchPhase::new(one_lobe(*asymmetry), way.0, octaves);
                 let diffuse =
                     (way.0 == Scattering::Diffusion).then(|| Diffuse::new(&shape, &sun_light, false, phase.asymmetry));
+                let of_slabs = sources.clone();
                 let slab = match way.0 {
-                    Scattering::Slab => SlabFit::new(&shape, false, sun, phase.asymmetry),
-                    Scattering::SlabCollector => collected(&shape, false, sun, phase.asymmetry),
+                    Scattering::Slab => of_slabs.map(|sources| SlabFit::new(&shape, false, sun, sources)),
+                    Scattering::SlabCollector => of_slabs.map(|sources| collected(&shape, false, sun, sources)),
                     _ => None,
                 };
                 let leaves = |from_above: bool| {

@@ -28,7 +28,7 @@ use super::slab_blocks::SlabBlocks;
 use super::slab_fit::{
     COSINE_LEAST, Field, NORMAL_BLOCK_M, SlabFit, Slabs, across, normal_code, shift_code, square_of_root,
 };
-use super::slab_tables::{Fitted, GROUPS, SlabSources, SlabTables};
+use super::slab_tables::{Fitted, GROUPS, SlabSources};
 use super::sun_optical_depth::{marched_direction, margin_m};
 use crate::cpu::view::lanes::{LANES, Lanes};
 use crate::cpu::view::shape::{Shape, trilinear};
@@ -89,9 +89,8 @@ struct Found {
     share: Lanes,
 }
 
-/// Fits. `carved` as in [`super::sun_optical_depth::SunLight::new`]. None where the program's tables are damaged.
-pub fn collected(shape: &Shape, carved: bool, sun_direction: [f32; 3], asymmetry: f32) -> Option<SlabFit> {
-    let sources = SlabSources::new(SlabTables::kept()?, asymmetry);
+/// Fits. `carved` as in [`super::sun_optical_depth::SunLight::new`].
+pub fn collected(shape: &Shape, carved: bool, sun_direction: [f32; 3], sources: SlabSources) -> SlabFit {
     let frame = across(marched_direction(sun_direction));
     let field = Field::new(shape, carved, true, frame[2]);
     let depths = field.depths();
@@ -117,13 +116,13 @@ pub fn collected(shape: &Shape, carved: bool, sun_direction: [f32; 3], asymmetry
         normals: plane(group * PLANES + 1),
         groups: group..group + 1,
     });
-    Some(SlabFit {
+    SlabFit {
         slabs: slabs.collect(),
         shares: plane(WORDS - 1),
         depths,
         frame,
         sources,
-    })
+    }
 }
 
 /// Blocks of the fit's size and larger ones, the finest first.
@@ -381,9 +380,10 @@ mod tests {
     }
 
     fn both(shape: &Shape) -> [SlabFit; 2] {
+        let sources = SlabSources::kept(ASYMMETRY).unwrap();
         [
-            SlabFit::new(shape, false, SUN, ASYMMETRY).unwrap(),
-            collected(shape, false, SUN, ASYMMETRY).unwrap(),
+            SlabFit::new(shape, false, SUN, sources.clone()),
+            collected(shape, false, SUN, sources),
         ]
     }
 

@@ -20,7 +20,7 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::slab_blocks::SlabBlocks;
-use super::slab_tables::{Fitted, GROUPS, SUNS, SlabSources, SlabTables};
+use super::slab_tables::{Fitted, GROUPS, SUNS, SlabSources};
 use super::sun_optical_depth::{marched_direction, margin_m, optical_depth};
 use crate::cpu::view::lanes::{LANES, Lanes};
 use crate::cpu::view::shape::{Shape, trilinear};
@@ -67,9 +67,8 @@ pub(super) struct Slabs {
 }
 
 impl SlabFit {
-    /// Fits. `carved` as in [`super::sun_optical_depth::SunLight::new`]. None where the program's tables are damaged.
-    pub fn new(shape: &Shape, carved: bool, sun_direction: [f32; 3], asymmetry: f32) -> Option<SlabFit> {
-        let sources = SlabSources::new(SlabTables::kept()?, asymmetry);
+    /// Fits. `carved` as in [`super::sun_optical_depth::SunLight::new`].
+    pub fn new(shape: &Shape, carved: bool, sun_direction: [f32; 3], sources: SlabSources) -> SlabFit {
         let sun = marched_direction(sun_direction);
         let frame = across(sun);
         let field = Field::new(shape, carved, false, sun);
@@ -78,13 +77,13 @@ impl SlabFit {
             normals: field.normals(&frame),
             groups: 0..GROUPS,
         };
-        Some(SlabFit {
+        SlabFit {
             depths: field.depths(),
             slabs: vec![slabs],
             shares: Vec::new(),
             frame,
             sources,
-        })
+        }
     }
 
     /// Bytes kept.

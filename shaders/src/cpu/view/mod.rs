@@ -35,6 +35,7 @@ use crate::cpu::light::sky_table::SkyTable;
 use crate::cpu::light::sky_visibility::sky_visibility;
 use crate::cpu::light::slab_collector::collected;
 use crate::cpu::light::slab_fit::SlabFit;
+use crate::cpu::light::slab_tables::SlabSources;
 use crate::cpu::light::stars::{StarField, StarTable};
 use crate::cpu::light::sun_map::SunMap;
 use crate::cpu::light::sun_optical_depth::SunLight;
@@ -68,6 +69,7 @@ pub struct Prepared {
     sun_light: Option<(SunLightKey, SunLight)>,
     sun_map: Option<(SunMapKey, SunMap)>,
     diffuse: Option<(DiffuseKey, Diffuse)>,
+    slab_sources: Option<(f32, Option<SlabSources>)>,
     slab: Option<(SlabKey, Option<SlabFit>)>,
     samples: Samples,
 }
@@ -382,11 +384,18 @@ fn prepare(
             && prepared.slab.as_ref().is_none_or(|(k, _)| *k != key)
         {
             let (scattering, (_, carved, beam, _)) = key;
+            let asymmetry = phase.asymmetry;
+            if prepared.slab_sources.as_ref().is_none_or(|(of, _)| *of != asymmetry) {
+                prepared.slab_sources = Some((asymmetry, SlabSources::kept(asymmetry)));
+            }
+            let sources = prepared.slab_sources.as_ref().and_then(|(_, sources)| sources.clone());
             if scattering == Scattering::SlabCollector {
-                prepared.slab = Some((key, collected(&cloud.shape, carved, beam, phase.asymmetry)));
+                let slabs = sources.map(|sources| collected(&cloud.shape, carved, beam, sources));
+                prepared.slab = Some((key, slabs));
                 after("slab_collector");
             } else {
-                prepared.slab = Some((key, SlabFit::new(&cloud.shape, carved, beam, phase.asymmetry)));
+                let slabs = sources.map(|sources| SlabFit::new(&cloud.shape, carved, beam, sources));
+                prepared.slab = Some((key, slabs));
                 after("slab_fit");
             }
         }
