@@ -4,7 +4,7 @@
 //! of diffuse light over the irradiance of the sun's beam and the flux over the fluence, in the slab's cells, a word each. Scheme: light in cloud is split in three: the beam, which goes as exp(-t); what was scattered but
 //! still goes about the beam's way ([`super::diffusion_shares::forward_octaves`]); and the rest, whose fluence f obeys the
 //! diffusion equation (Stam 1995; Ishimaru 1978), div(D grad f) = -s exp(-(1 - g) t), D = 1 / (3 s), s = (1 - g) extinction. Finite volumes on the cells, harmonic
-//! means of D at faces; at the cloud's surface nothing comes in (the fluence falls to nothing 0.7104 free paths behind it, Milne: the flux that leaves is the surface's fluence over 2.13). A surface
+//! means of D at faces; at the cloud's surface nothing comes in (the fluence falls to nothing 0.7104 free paths behind it, Milne: the flux that leaves is the surface's fluence over 2.13), and of the half cell before it three quarters of the resistance, for extinction falls there. A surface
 //! that stands aslant is a staircase of cells' faces: it loses as much as the faces across each axis make as a vector, since their areas' sum is up to 1.7 times the surface's. Solved by multigrid, see [`super::diffusion_grids`].
 //! The equation lets all that a cell is given out from its centre. Of a source that is even in the cell half has a shorter way to each face, and the fluence at the centre is less by a quarter of what
 //! the faces across each axis let out times half the cell's resistance.
