@@ -15,8 +15,8 @@
 //! lengths here are deviations. Normals look at the sun by their making, so that their mean over a wide collector is the sun's direction (by a low sun an error of 0.5 in place of 0.3): they
 //! are those of blocks of [`NORMAL_BLOCK_M`] at the collector's centre, wider ones where no cloud is there.
 //!
-//! Keeps: in level slabs all places of a collector are alike, and the light is the one-step fit's (a test). Balls of optical depth 2.7 to 90 send out 0.84 to 1.01 of what they take from the
-//! beam (a test), where the one step's make light, 1.21 to 1.30.
+//! Keeps: in level slabs all places of a collector are alike, and the light is the one-step fit's (a test). Balls of optical depth 2.7 to 90 send out 0.84 to 1.03 of what they take from the
+//! beam (a test), where the one step's make light, 1.23 to 1.32.
 //! Errors: paths that leave a cloud sideways between where they came in and the place are counted as if the slab had kept them. The fixed point need not be the only one, and neighbours may end in different
 //! slabs: seed 000 found its pictures noisy. Order 1 in the points' distance; a sun lower than 7 degrees to the lit side is taken as 7 degrees.
 //! Source: Bouthors et al. (2008), by seed 000, sections 3.1.3 and 3.1.4.
@@ -494,7 +494,7 @@ mod tests {
             println!("{per_m} 1/m: {one_step:.3} {iterated:.3}");
             let what = format!("{per_m} 1/m: {iterated}, one step {one_step}");
             assert!(iterated > 0.8 && iterated < 1.03, "{what}");
-            // Slabs that know nothing of a ball's edge make light there: 1.21 to 1.30.
+            // Slabs that know nothing of a ball's edge make light there: 1.23 to 1.32.
             assert!(one_step > 1.1 && one_step < 1.35, "{what}");
         }
     }
