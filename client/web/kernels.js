@@ -86,7 +86,12 @@ export class Kernels {
   async prepare(module) {
     const made = this.late.get(module) ?? this.add((kernel) => kernel.late === true && kernel.module === module);
     this.late.set(module, made);
-    await made;
+    try {
+      await made;
+    } catch (error) {
+      this.late.delete(module); // who asks again may have better luck
+      throw error;
+    }
   }
 
   /** @param {(kernel: ShaderKernel) => boolean} wanted */

@@ -21,6 +21,8 @@ const REST_MS = 250;
 const PIXELS_LEAST = 64 * 36;
 const PIXELS_MOST = 2560 * 1440;
 const SCENERY_EVERY_MS = 10_000;
+/** What a world tells the kernels is asked for again so long after it could not be had, ms: nothing is drawn without. */
+const SCENERY_RETRY_MS = 2_000;
 /** Volumes a second that are asked for: what lies between two of them is mixed. */
 const VOLUMES_HZ = 4;
 /** Between two volumes the cloud changes in so many steps at most. */
@@ -177,6 +179,8 @@ export class LocalSky {
     });
     /** @type {Scenery | null} */
     this.scenery = null;
+    /** @type {string | null} why it could not be had, the last time */
+    this.failed = null;
     /** @type {Camera | null} */
     this.camera = null;
     /** @type {Lights | null} */
@@ -236,6 +240,7 @@ export class LocalSky {
     if (this.world !== world) {
       this.world = world;
       this.scenery = null;
+      this.failed = null;
       this.tick = null;
       this.ready = false;
       this.playout = new Playout();
@@ -280,7 +285,14 @@ export class LocalSky {
       }
     } catch (error) {
       if (this.scenery === null) {
-        this.handlers.trouble(error instanceof Error ? error.message : String(error));
+        this.failed = error instanceof Error ? error.message : String(error);
+        this.handlers.trouble(this.failed);
+        // The world may stand, so that nothing else asks again.
+        setTimeout(() => {
+          if (this.running && this.world === world && this.scenery === null) {
+            void this.learnScenery();
+          }
+        }, SCENERY_RETRY_MS);
       }
     }
   }
@@ -480,12 +492,25 @@ export class LocalSky {
       }
     }
     this.drawing = false;
-    // Without what it needs there is nothing to wait for here: what comes calls again.
-    const able = this.ready && scenery !== null && camera !== null && lights !== null;
+    // Without what it needs there is nothing to wait for here: what comes calls again. What came while this picture was made found it under way, so it is what holds now that counts.
+    const able = (this.ready || this.playout.fields.length > 0) && this.scenery !== null && this.camera !== null && this.shownLights() !== null;
     const plays = this.shownPast === null && this.playout.moves;
     if (this.running && able && (this.dirty || plays || !this.shownFull)) {
       this.schedule(false);
     }
+  }
+
+  /** Why there is no picture; null where there is one. */
+  get lacks() {
+    const { scenery, camera, ready, volumes, failed } = this;
+    if (scenery === null) {
+      return `what the world tells its kernels is not known${failed === null ? "" : ` (${failed})`}`;
+    }
+    if (camera === null || this.shownLights() === null) {
+      return "the world has said nothing of itself";
+    }
+    const connection = volumes.socket === null ? "no connection" : `connection ${["being made", "open", "closing", "closed"][volumes.socket.readyState]}`;
+    return ready ? null : `no volume has come (${connection}, ${this.playout.fields.length} waiting${this.drawing ? ", a picture under way" : ""})`;
   }
 
   /**
@@ -495,7 +520,7 @@ export class LocalSky {
   async capture() {
     const { scenery, camera, tick } = this;
     const lights = this.shownLights();
-    if (!this.ready || scenery === null || camera === null || lights === null) {
+    if (this.lacks !== null || scenery === null || camera === null || lights === null) {
       return null;
     }
     const [width, height] = this.fullSize();

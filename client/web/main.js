@@ -241,7 +241,8 @@ element("save", HTMLButtonElement).addEventListener("click", async () => {
     png = await new Promise((resolve) => view.canvas.toBlob(resolve, "image/png"));
   }
   if (png === null || png === undefined) {
-    showNotice("There is no picture yet.");
+    const why = drawing.here ? drawing.sky?.lacks : null;
+    showNotice(why ? `There is no picture yet: ${why}.` : "There is no picture yet.");
     return;
   }
   const link = document.createElement("a");
