@@ -222,7 +222,7 @@ pub enum Advection {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Sky {
-    /// Preetham, Shirley and Smits (1999): turbidities from 1.7 to 10.
+    /// Preetham, Shirley and Smits (1999): turbidities from 2 to 10; clearer air has the sky of 2.
     Preetham,
     /// Hosek and Wilkie (2012): turbidities from 1 to 10, and the ground's albedo.
     HosekWilkie,

@@ -101,6 +101,15 @@ fn preethams_zenith() {
             );
         }
     }
+    // Clearer air than the fit was made for has its clearest sky: beyond, the form runs to a pole, and the horizon of a visibility of 40 km (turbidity 1.68) was 35 times the zenith.
+    let sine = 45f32.to_radians().sin();
+    for turbidity in [1.0f32, 1.645, 1.68, 2.0] {
+        let sky = Preetham::new(turbidity, sine);
+        // 3 degrees high, a quarter of the circle from the sun.
+        let horizon = sky.luminance_xy(0.05, 0.05 * sine)[0];
+        let ratio = horizon / sky.luminance_xy(1.0, sine)[0];
+        assert!((1.5..6.0).contains(&ratio), "{turbidity}: {ratio}");
+    }
     // Equation of appendix A.2 worked by hand: T = 2, the sun 30 degrees from the zenith: chi = 0.8960, tan chi = 1.2500, 3.1196 x 1.2500 + 1.9882 = 5.888 kcd/m2.
     let zenith = zenith_luminance_cd_m2(2.0, 30f32.to_radians());
     assert!((zenith - 5_888.0).abs() < 10.0, "{zenith}");

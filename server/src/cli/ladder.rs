@@ -275,6 +275,18 @@ fn light_table(report: &LightReport) -> String {
         });
         text += &format!("{}\n", cells.collect::<String>());
     }
+    text += "\nballs: what leaves of what a ball of cloud takes from the beam, by its optical depth; 1 is right, and above 1 light is made\n";
+    let depths = report.balls.iter().map(|row| format!("{:>8}", row.optical_depth));
+    text += &format!("{:<18}{}\n", "RUNG", depths.collect::<String>());
+    let rungs = report
+        .balls
+        .first()
+        .map(|row| row.sent_out.as_slice())
+        .unwrap_or_default();
+    for (n, (rung, _)) in rungs.iter().enumerate() {
+        let shares = report.balls.iter().map(|row| format!("{:>8.3}", row.sent_out[n].1));
+        text += &format!("{rung:<18}{}\n", shares.collect::<String>());
+    }
     text
 }
 

@@ -209,13 +209,13 @@ rungs! {
         keeps "energy in level slabs, to some parts in a hundred; too bright just inside clouds that end sideways, too dim on their sides by a low sun";
     Diffusion Scattering "diffusion" Devices::Both, None,
         "the beam, what goes about its way, and what diffuses, together as strong as a level slab gives back"
-        keeps "energy in level slabs, to some parts in a hundred; light that leaves one cloud for another is lost";
+        keeps "energy in level slabs, to some parts in a hundred, and between clouds, as far as their light is even there";
     Slab Scattering "slab" SLAB_DEVICES, None,
         "orders from 2 on as in a level slab fitted to the cloud by one step, from tables of photons followed through slabs"
-        keeps "energy in slabs, to the tables' steps; not in clouds that end sideways";
+        keeps "energy: each cloud sends out what it takes from the beam; how it lies within the cloud is a slab's, too bright inside edges";
     SlabCollector Scattering "slab_collector" SLAB_DEVICES, None,
         "orders from 2 on as in a level slab for each group of them, found by iteration: the mean of what lies under the part of the lit side through which almost all of a place's light came"
-        keeps "energy in slabs, to the tables' steps, and makes none in balls; neighbours may end in different slabs";
+        keeps "energy: each cloud sends out what it takes from the beam; neighbours may end in different slabs";
     Rayleigh Phase "rayleigh" Devices::Both, None,
         "molecules'"
         keeps "the integral over the sphere, as all";

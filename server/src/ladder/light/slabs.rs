@@ -85,14 +85,14 @@ fn slab(optical_depth: f64) -> CloudVolume {
 }
 
 /// A night without air: nothing but the given sun is left.
-struct Night {
+pub(super) struct Night {
     sky: SkyTable,
     noise: DetailNoise,
     light: SkyLight,
 }
 
 impl Night {
-    fn new() -> Night {
+    pub(super) fn new() -> Night {
         let air = Atmosphere::new(0.0, None);
         let transmittance = TransmittanceTable::new(&air);
         let multiple = MultipleScatteringTable::new(&air, &transmittance);
@@ -120,7 +120,7 @@ impl Night {
     fn frame<'a>(
         &'a self,
         cloud: (&'a Shape, &'a SunLight),
-        (phase, octaves, diffuse, slab): (&'a MarchPhase, usize, Option<&'a Diffuse>, Option<&'a SlabFit>),
+        way: &'a Way,
         sun: [f32; 3],
         [cosine, azimuth]: [f64; 2],
         from_above: bool,
@@ -137,12 +137,28 @@ impl Night {
         } else {
             cloud.0.bottom_m - 10.0
         };
-        Frame {
-            width: 4,
-            height: 4,
+        let camera = Camera {
             position_m: [100.0, 100.0, height_m],
             axes: axes.map(|axis| axis.map(|v| v as f32)),
             half_height: 0.01,
+            side: 4,
+        };
+        self.look(cloud, way, sun, &camera)
+    }
+    /// What a camera sees.
+    pub(super) fn look<'a>(
+        &'a self,
+        cloud: (&'a Shape, &'a SunLight),
+        way: &'a Way,
+        sun: [f32; 3],
+        camera: &Camera,
+    ) -> Frame<'a> {
+        Frame {
+            width: camera.side,
+            height: camera.side,
+            position_m: camera.position_m,
+            axes: camera.axes,
+            half_height: camera.half_height,
             sun_direction: sun,
             beam_direction: sun,
             exposure: 1.0,
@@ -163,12 +179,57 @@ impl Night {
             shadow: false,
             noise: &self.noise,
             detail: None,
-            octaves,
-            phase,
+            octaves: way.octaves,
+            phase: &way.phase,
             occlusion: Occlusion::Grid,
-            diffuse,
-            slab,
+            diffuse: way.diffuse.as_ref(),
+            slab: way.slab.as_ref(),
             sun_disc: [0.0; 3],
+        }
+    }
+}
+
+/// Where a square picture is taken from.
+pub(super) struct Camera {
+    /// m.
+    pub(super) position_m: [f32; 3],
+    /// Unit vectors to the right, up and ahead.
+    pub(super) axes: [[f32; 3]; 3],
+    /// Tangent of half the angle of view.
+    pub(super) half_height: f32,
+    /// Pixels.
+    pub(super) side: usize,
+}
+
+/// A rung of scattering with all that it makes of a cloud.
+pub(super) struct Way {
+    phase: MarchPhase,
+    octaves: usize,
+    diffuse: Option<Diffuse>,
+    slab: Option<SlabFit>,
+}
+
+impl Way {
+    /// `way` is the rung and its octaves; `sources` are the slabs of that asymmetry.
+    pub(super) fn new(
+        way: (Scattering, u32),
+        (shape, sun_light): (&Shape, &SunLight),
+        sun: [f32; 3],
+        asymmetry: f64,
+        sources: &Option<SlabSources>,
+    ) -> Way {
+        let octaves = way.0.octaves(way.1);
+        let phase = MarchPhase::new(one_lobe(asymmetry), way.0, octaves);
+        let of_slabs = sources.clone();
+        Way {
+            diffuse: (way.0 == Scattering::Diffusion).then(|| Diffuse::new(shape, sun_light, false, phase.asymmetry)),
+            slab: match way.0 {
+                Scattering::Slab => of_slabs.map(|sources| SlabFit::new(shape, false, sun, sources)),
+                Scattering::SlabCollector => of_slabs.map(|sources| collected(shape, false, sun, sources)),
+                _ => None,
+            },
+            phase,
+            octaves,
         }
     }
 }
@@ -192,23 +253,13 @@ pub(super) fn all(ways: &[(Scattering, u32)]) -> Vec<SlabRow> {
             let sun_light = SunLight::new(&shape, &seen, false, false, sun);
             let straight = (-depth / sun_cosine).exp();
             let shares = ways.iter().map(|way| {
-                let octaves = way.0.octaves(way.1);
-                let phase = MarchPhase::new(one_lobe(*asymmetry), way.0, octaves);
-                let diffuse =
-                    (way.0 == Scattering::Diffusion).then(|| Diffuse::new(&shape, &sun_light, false, phase.asymmetry));
-                let of_slabs = sources.clone();
-                let slab = match way.0 {
-                    Scattering::Slab => of_slabs.map(|sources| SlabFit::new(&shape, false, sun, sources)),
-                    Scattering::SlabCollector => of_slabs.map(|sources| collected(&shape, false, sun, sources)),
-                    _ => None,
-                };
+                let made = Way::new(*way, (&shape, &sun_light), sun, *asymmetry, sources);
                 let leaves = |from_above: bool| {
                     let mut flux = 0.0;
                     for [cosine, weight] in RULE {
                         for n in 0..AROUND {
                             let azimuth = std::f64::consts::PI * (n as f64 + 0.5) / AROUND as f64;
-                            let light = (&phase, octaves, diffuse.as_ref(), slab.as_ref());
-                            let frame = night.frame((&shape, &sun_light), light, sun, [cosine, azimuth], from_above);
+                            let frame = night.frame((&shape, &sun_light), &made, sun, [cosine, azimuth], from_above);
                             let mut pixels = [[0.0f32; 3]; 16];
                             radiance_rows(&frame, 0, &mut pixels);
                             let mean = pixels.iter().map(|p| f64::from(p[1])).sum::<f64>() / 16.0;
@@ -258,7 +309,6 @@ mod tests {
             ..night.light
         };
         let sun = sun_of(0.5);
-        let phase = MarchPhase::new(one_lobe(0.85), Scattering::Octaves, 0);
         for depth in [0.1, 1.0, 4.0, 16.0, 64.0] {
             let volume = slab(depth);
             let shape = Shape::new(&volume).unwrap();
@@ -267,10 +317,10 @@ mod tests {
             let mut sun_light = SunLight::new(&shape, &seen, false, false, sun);
             // No shadow on the ground.
             sun_light.sunlit_share = 1.0;
+            let made = Way::new((Scattering::Octaves, 0), (&shape, &sun_light), sun, 0.85, &None);
             for from_above in [true, false] {
                 for cosine in [0.3, 1.0] {
-                    let light = (&phase, 0, None, None);
-                    let frame = night.frame((&shape, &sun_light), light, sun, [cosine, 0.4], from_above);
+                    let frame = night.frame((&shape, &sun_light), &made, sun, [cosine, 0.4], from_above);
                     let mut pixels = [[0.0f32; 3]; 16];
                     radiance_rows(&frame, 0, &mut pixels);
                     let mean = pixels.iter().map(|p| f64::from(p[1])).sum::<f64>() / 16.0;

@@ -23,6 +23,7 @@ pub mod preetham;
 pub mod sky_light;
 pub mod sky_table;
 pub mod sky_visibility;
+mod slab_balance;
 mod slab_blocks;
 pub mod slab_collector;
 pub mod slab_fit;

@@ -55,6 +55,61 @@ impl Droplets {
     }
 }
 
+/// A direction of look with what it counts for in sums over the sphere.
+#[derive(Clone, Copy, Debug)]
+pub struct TowardsCamera {
+    /// Unit vector.
+    pub d: [f32; 3],
+    /// Solid angle, sr; together 4 pi.
+    pub even: f32,
+    /// Share of light that is scattered once; together 1.
+    pub once: f32,
+}
+
+/// Directions of look in rings around the beam (the last vector of `frame`, all three unit vectors across each other), so many rings of so many: evenly in the mean of even light's and Henyey and Greenstein's cumulated
+/// functions, so that a forward peak is met as well as the rest.
+pub fn directions_around(frame: &[[f32; 3]; 3], asymmetry: f32, [rings, around]: [usize; 2]) -> Vec<TowardsCamera> {
+    let g = f64::from(asymmetry);
+    // The share of what is scattered once, towards cosines below c.
+    let below = |c: f64| {
+        if g.abs() < 1e-3 {
+            return 0.5 * (1.0 + c);
+        }
+        (1.0 - g * g) / (2.0 * g) * (1.0 / (1.0 + g * g - 2.0 * g * c).sqrt() - 1.0 / (1.0 + g))
+    };
+    let mut all = Vec::with_capacity(rings * around);
+    for ring in 0..rings {
+        let wanted = (ring as f64 + 0.5) / rings as f64;
+        let [mut low, mut high] = [-1.0f64, 1.0];
+        for _ in 0..60 {
+            let middle = 0.5 * (low + high);
+            if 0.25 * (1.0 + middle) + 0.5 * below(middle) < wanted {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        let cosine = (0.5 * (low + high)) as f32;
+        let once = henyey_greenstein(asymmetry, cosine);
+        let even = 1.0 / (0.25 + std::f32::consts::PI * once);
+        let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+        for n in 0..around {
+            // Every other ring is turned by half a place.
+            let turn = (n as f32 + 0.5 * (ring % 2) as f32) * std::f32::consts::TAU / around as f32;
+            let (b, a) = turn.sin_cos();
+            let d = [0, 1, 2].map(|v| frame[2][v] * cosine + (frame[0][v] * a + frame[1][v] * b) * sine);
+            let once = even * once;
+            all.push(TowardsCamera { d, even, once });
+        }
+    }
+    let [even, once] = all.iter().fold([0.0; 2], |s, t| [s[0] + t.even, s[1] + t.once]);
+    for towards in &mut all {
+        towards.even *= 4.0 * std::f32::consts::PI / even;
+        towards.once /= once;
+    }
+    all
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

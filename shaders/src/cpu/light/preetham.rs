@@ -4,13 +4,13 @@
 //! angle looked at and g the angle to the sun, for luminance and both chromaticities, scaled to the zenith's values; coefficients of the paper's appendix A.2.
 //! Turned from xyY into linear colours of ITU-R BT.709, over those of sunlight above the air.
 //!
-//! What it cannot: no sun below the horizon, no air between here and a cloud, no height of the viewer, no albedo of the ground. Fitted for turbidities 2 to 6; bounded to 1.7 to 10 here.
+//! What it cannot: no sun below the horizon, no air between here and a cloud, no height of the viewer, no albedo of the ground. Fitted for turbidities 2 to 6; bounded to 2 to 10 here: below 2 the form runs to a pole (the zenith's 1 + A e^B is 0 near 1.645; at 1.7 the horizon is 35 times the zenith, at 2 six times), so that clearer air has the sky of 2.
 //! Known faults (Zotti et al. 2007): too dark opposite the sun at low turbidity, too bright towards it at high.
 
 use std::f32::consts::PI;
 
 /// Turbidities that the fit is used for.
-pub const TURBIDITY: [f32; 2] = [1.7, 10.0];
+pub const TURBIDITY: [f32; 2] = [2.0, 10.0];
 /// Illuminance by the sun above the air, lux (Darula, Kittler and Gueymard 2005).
 const SUN_LUX: f32 = 133_334.0;
 /// Chromaticity of sunlight above the air.

@@ -1,7 +1,7 @@
 //! Stage `slab_collector`: a plane-parallel slab fitted to the cloud around each place by the original iteration of Bouthors et al. (2008), as seed 000 tells it.
 //!
 //! Reads: [`Shape`], the sun's direction, the tables of [`SlabSources`]. Writes: a [`SlabFit`] with three slabs a point, for each group of orders (2 to 4, 5 to 15, 16 and more) its own: what its optical depths
-//! towards the sun and against it are beyond the place's own (16 bits each, of roots with their signs), its normal, and the share of the group's light that comes in at all (8 bits).
+//! towards the sun and against it are beyond the place's own (16 bits each, of roots with their signs), its normal, and the share of the group's light that comes in at all (10 bits, times the cloud's balance).
 //! Scheme: the collector is the part of the lit side through which almost all of a group's light came, a Gaussian with a centre and a deviation. It begins at the place itself, half as wide as the cloud is
 //! deep. The depths at seven places of it (a rule that is exact under a Gaussian for polynomials of degree 5), on the plane through the place along the lit side, tell in the mean how thick a slab is
 //! and how deep the place lies in it (equation 3.55); the normal is the one around the collector's centre. The tables say where in such a slab the light came in, and how widely: the next collector. A
@@ -15,8 +15,8 @@
 //! lengths here are deviations. Normals look at the sun by their making, so that their mean over a wide collector is the sun's direction (by a low sun an error of 0.5 in place of 0.3): they
 //! are those of blocks of [`NORMAL_BLOCK_M`] at the collector's centre, wider ones where no cloud is there.
 //!
-//! Keeps: in level slabs all places of a collector are alike, and the light is the one-step fit's (a test). Balls of optical depth 2.7 to 90 send out 0.84 to 1.03 of what they take from the
-//! beam (a test), where the one step's make light, 1.23 to 1.32.
+//! Keeps: in level slabs all places of a collector are alike, and the light is the one-step fit's (a test). Each cloud sends out what it takes from the beam ([`super::slab_balance`]; balls of optical depth 2.7 to 90,
+//! a test); without the balance balls sent out 0.84 to 1.03, by the one step's slabs 1.23 to 1.32.
 //! Errors: paths that leave a cloud sideways between where they came in and the place are counted as if the slab had kept them. The fixed point need not be the only one, and neighbours may end in different
 //! slabs: seed 000 found its pictures noisy. Order 1 in the points' distance; a sun lower than 7 degrees to the lit side is taken as 7 degrees.
 //! Source: Bouthors et al. (2008), by seed 000, sections 3.1.3 and 3.1.4.
@@ -26,7 +26,8 @@ use rayon::prelude::*;
 
 use super::slab_blocks::SlabBlocks;
 use super::slab_fit::{
-    COSINE_LEAST, Field, NORMAL_BLOCK_M, SlabFit, Slabs, across, normal_code, shift_code, square_of_root,
+    COSINE_LEAST, Field, NORMAL_BLOCK_M, SHARE_BITS, SHARE_UNIT, SlabFit, Slabs, across, normal_code, shift_code,
+    square_of_root,
 };
 use super::slab_tables::{Fitted, GROUPS, SlabSources};
 use super::sun_optical_depth::{marched_direction, margin_m};
@@ -116,13 +117,15 @@ pub fn collected(shape: &Shape, carved: bool, sun_direction: [f32; 3], sources: 
         normals: plane(group * PLANES + 1),
         groups: group..group + 1,
     });
-    SlabFit {
+    let mut fit = SlabFit {
         slabs: slabs.collect(),
         shares: plane(WORDS - 1),
         depths,
         frame,
         sources,
-    }
+    };
+    fit.balance(shape, carved);
+    fit
 }
 
 /// Blocks of the fit's size and larger ones, the finest first.
@@ -217,8 +220,8 @@ fn fit_row(input: &Input<'_>, frame: &[[f32; 3]; 3], n: usize, out: &mut [u32]) 
                 let side = |axis: &[f32; 3]| normal[0] * axis[0] + normal[1] * axis[1] + normal[2] * axis[2];
                 out[group * PLANES * row + first + l] = shift_code(shift);
                 out[(group * PLANES + 1) * row + first + l] = normal_code([side(&frame[0]), side(&frame[1])]);
-                let share = (found.share.0[l].clamp(0.0, 1.0) * 255.0 + 0.5) as u32;
-                out[(WORDS - 1) * row + first + l] |= share << (8 * group);
+                let share = (found.share.0[l].clamp(0.0, 1.0) / SHARE_UNIT + 0.5) as u32;
+                out[(WORDS - 1) * row + first + l] |= share << (SHARE_BITS * group as u32);
             }
         }
     }
@@ -484,7 +487,7 @@ mod tests {
 
     /// A ball ends sideways, where a slab does not.
     #[test]
-    fn a_ball_sends_out_no_more_than_comes_in() {
+    fn a_ball_sends_out_what_comes_in() {
         for per_m in [0.003, 0.01, 0.02, 0.1] {
             let shape = shape_of([24, 20, 30], [100.0, 100.0, 40.0], &|p| {
                 let r_m = (p[0] - 1200.0).hypot(p[1] - 1000.0).hypot(p[2] - 600.0);
@@ -492,10 +495,10 @@ mod tests {
             });
             let [one_step, iterated] = both(&shape).map(|fit| leaves(&shape, &fit));
             println!("{per_m} 1/m: {one_step:.3} {iterated:.3}");
-            let what = format!("{per_m} 1/m: {iterated}, one step {one_step}");
-            assert!(iterated > 0.8 && iterated < 1.03, "{what}");
-            // Slabs that know nothing of a ball's edge make light there: 1.23 to 1.32.
-            assert!(one_step > 1.1 && one_step < 1.35, "{what}");
+            // Slabs alone know nothing of a ball's edge: 1.23 to 1.32 by one step, 0.84 to 1.03 by the collector (`slab_balance`). Directions and places differ from those of the balance.
+            for leaves in [one_step, iterated] {
+                assert!((leaves - 1.0).abs() < 0.02, "{per_m} 1/m: {leaves}");
+            }
         }
     }
 }

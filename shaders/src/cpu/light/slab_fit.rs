@@ -11,7 +11,8 @@
 //! light at one place of a ray of view, the light behind it included, which is nothing where one looks up from a slab's lit side, and so it sinks places to a tenth of the slab. Here every sample of the march has the
 //! light that it scatters itself, which has no such holes.
 //!
-//! Errors: a cloud ends sideways too; light that leaves there is not in a slab, and what a cloud in another's shadow gets from its sides is lost. Order 1 in the points' distance.
+//! Keeps: each cloud sends out what it takes from the beam (part [`super::slab_balance`]).
+//! Errors: a cloud ends sideways too; light that leaves there is in a slab only as the balance says, for the cloud as a whole, and what a cloud in another's shadow gets from its sides is lost. Order 1 in the points' distance.
 //! A sun lower than 7 degrees to the lit side is taken as 7 degrees.
 
 use std::ops::Range;
@@ -38,6 +39,10 @@ const SHIFT_STEP: f32 = 1.0 / 510.0;
 const SHIFT_ZERO: f32 = 32_768.0;
 /// Depths towards the sun are the march's own, with the detail near by, below this; the stage's above.
 const OWN_DEPTH_MAX: f32 = 50.0;
+/// Shares of a group's light: bits of each in a word, those bits, and a unit: up to 2.
+pub(super) const SHARE_BITS: u32 = 10;
+pub(super) const SHARE_MASK: u32 = (1 << SHARE_BITS) - 1;
+pub(super) const SHARE_UNIT: f32 = 2.0 / SHARE_MASK as f32;
 /// Least cosine between sun and normal: the tables' first.
 pub(super) const COSINE_LEAST: f32 = 1.0 / SUNS as f32;
 
@@ -48,7 +53,7 @@ pub struct SlabFit {
     pub(super) depths: Vec<u32>,
     /// Slabs, each for its groups of orders.
     pub(super) slabs: Vec<Slabs>,
-    /// What share of each group's light is there, eight bits a group; empty where all is.
+    /// What share of each group's light is there, [`SHARE_BITS`] a group in steps of [`SHARE_UNIT`]; empty until the light is balanced, where all is.
     pub(super) shares: Vec<u32>,
     /// Unit vectors across the sun's direction, and towards the sun.
     pub(super) frame: [[f32; 3]; 3],
@@ -77,13 +82,15 @@ impl SlabFit {
             normals: field.normals(&frame),
             groups: 0..GROUPS,
         };
-        SlabFit {
+        let mut fit = SlabFit {
             depths: field.depths(),
             slabs: vec![slabs],
             shares: Vec::new(),
             frame,
             sources,
-        }
+        };
+        fit.balance(shape, carved);
+        fit
     }
 
     /// Bytes kept.
@@ -130,7 +137,7 @@ impl SlabFit {
             };
             let mut light = self.sources.towards(&slab, slabs.groups.clone(), inward, across);
             if let Some(corners) = &shares {
-                light = light * trilinear(corners, 8 * slabs.groups.start as u32, 0xff, &f) * (1.0 / 255.0);
+                light = light * trilinear(corners, SHARE_BITS * slabs.groups.start as u32, SHARE_MASK, &f) * SHARE_UNIT;
             }
             sum = sum + light;
         }

@@ -134,6 +134,11 @@ impl Shape {
         let [nx, ny] = self.cells;
         [nx, ny, self.slab_per_m.len() / (nx * ny)]
     }
+    /// Of each of them, 1 if it has cloud in it or beside it, else 0.
+    pub(crate) fn cloudy_neighbourhood(&self) -> Vec<u32> {
+        let wide = largest_of_neighbours(&self.slab_per_m, self.slab_cells());
+        wide.into_iter().map(|largest| u32::from(largest > 0.0)).collect()
+    }
     /// Their sizes, m.
     pub(crate) fn cell_size_m(&self) -> [f32; 3] {
         self.point_spacing_m.map(|s| s * self.finer as f32)
