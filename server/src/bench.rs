@@ -1,5 +1,6 @@
 //! `welkin bench`: what the default scene costs on this machine. It reports and does not judge.
 
+mod beside;
 mod scaling;
 
 use std::io::{BufRead, BufReader, Read, Write};
@@ -24,8 +25,23 @@ const PAGE_SIZE: [u32; 2] = [640, 360];
 /// Sizes of frames that are measured alone, the page's first.
 const SIZES: [[u32; 2]; 3] = [PAGE_SIZE, [1280, 720], [1920, 1080]];
 const PAGE_FRAMES_PER_S: f64 = 5.0;
+/// Pairs of pictures of a case that is drawn on two devices, unless told otherwise.
+const PAIRS: u16 = 7;
 /// A started server that shows nothing for so long has failed.
 const FIRST_FRAME_MAX: Duration = Duration::from_secs(60);
+
+pub(crate) const EXAMPLES: &str = "\
+Examples:
+  welkin bench --json bench.json            how fast this machine is
+  welkin bench --scaling                    what a cell costs by the size of the grid
+  welkin bench --beside llvmpipe            the CPU's march beside the same WGSL on the CPU (Mesa's lavapipe)
+  welkin bench --beside gpu --pairs 15      what a GPU is worth in pictures, each drawn fifteen times on both
+
+What --beside does: pictures of broken cumulus and of the inside of a cloud are drawn on the CPU and on the adapter in turns, with
+every pixel marched and at half the resolution, with the tables of the picture before and with new ones. A first pair that
+compiles shaders and makes tables is not counted. The ratio is the adapter's time over the CPU's just before it, the median of the
+pairs, so that a machine that others use too tells much the same; it is more than 1 where the CPU is faster. --threads is the CPU
+device's; an adapter that is software has its own threads.";
 
 /// What to measure.
 #[derive(clap::Args, Clone, Debug)]
@@ -47,6 +63,12 @@ pub struct BenchOptions {
     /// Measure instead what a cell costs on grids from 32 to 256 cubed; the largest takes 3 GiB and half a minute.
     #[arg(long)]
     pub scaling: bool,
+    /// Measure instead the same pictures on the CPU and on this adapter, in turns: a part of its name, or gpu (any adapter, software too).
+    #[arg(long, value_name = "ADAPTER", conflicts_with_all = ["scaling", "scene", "after", "seconds", "device"])]
+    pub beside: Option<String>,
+    /// Pairs of pictures that are counted, a case.
+    #[arg(long, value_name = "N", default_value_t = PAIRS, requires = "beside", value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub pairs: u16,
     /// Also write the report as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -171,6 +193,9 @@ pub enum BenchError {
 ///
 /// Errors: see [`BenchError`].
 pub fn run(options: &BenchOptions) -> Result<(), BenchError> {
+    if let Some(name) = &options.beside {
+        return run_beside(options, name);
+    }
     if options.scaling {
         return run_scaling(options);
     }
@@ -207,6 +232,32 @@ fn run_scaling(options: &BenchOptions) -> Result<(), BenchError> {
             "version": env!("CARGO_PKG_VERSION"), "commit": options.commit, "device": machine.compute.name(),
             "processor": proc_value("/proc/cpuinfo", "model name"), "scene": scene.name,
             "copy_bytes_per_s": copy_bytes_per_s, "sizes": sizes,
+        }),
+    )
+}
+
+fn run_beside(options: &BenchOptions, name: &str) -> Result<(), BenchError> {
+    let (adapter, adapter_name) = beside::adapter(name)?;
+    let cases = beside::measure(&adapter, options.threads, options.pairs.into())?;
+    let processor = proc_value("/proc/cpuinfo", "model name");
+    let cores: usize = std::thread::available_parallelism().map_or(1, Into::into);
+    println!(
+        "welkin {}, cpu ({}) beside {}",
+        env!("CARGO_PKG_VERSION"),
+        processor.as_deref().unwrap_or("processor unknown"),
+        adapter_name
+    );
+    println!(
+        "{cores} cores; commit {}; {} pairs a case",
+        options.commit.as_deref().unwrap_or("not given"),
+        options.pairs
+    );
+    print!("{}", beside::table(&cases));
+    write_json(
+        options,
+        &serde_json::json!({
+            "version": env!("CARGO_PKG_VERSION"), "commit": options.commit, "device": "cpu", "beside": adapter_name,
+            "processor": processor, "cores": cores, "threads": options.threads, "pairs": options.pairs, "cases": cases,
         }),
     )
 }

@@ -46,6 +46,7 @@ Examples:
   welkin tables --out slab-tables.bin            light in slabs of cloud, photon by photon
   welkin bench --json bench.json                 how fast this machine is
   welkin bench --device gpu                      how fast its GPU is, pass by pass
+  welkin bench --beside gpu                      the same pictures on the CPU and on a GPU in turns
 
 SCENE is a preset's name or the path of a JSON document. RUST_LOG sets what is logged.";
 
@@ -87,6 +88,7 @@ enum Command {
     #[command(after_help = tables::EXAMPLES)]
     Tables(tables::Options),
     /// Measure this machine: simulation and pictures, alone and together.
+    #[command(after_help = crate::bench::EXAMPLES)]
     Bench(BenchOptions),
 }
 
