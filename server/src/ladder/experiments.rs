@@ -27,9 +27,9 @@ pub struct Conditions<'a> {
 pub struct Point {
     /// Where on the experiment's axis.
     pub at: f64,
-    /// Wall milliseconds of the march.
+    /// Wall milliseconds of the march, the middle one of three.
     pub march_ms: f64,
-    /// Wall milliseconds of what it needs once a tick.
+    /// Wall milliseconds of all that a tick makes anew, stage by stage the middle one of three.
     pub tick_ms: f64,
     /// Relative difference of radiance in the mean square from the exact one, where the experiment has one.
     pub error: Option<f64>,
@@ -120,11 +120,11 @@ impl Run<'_> {
             return Err(LadderError::Interrupted);
         }
         self.done += 1;
-        let (march_ms, tick_ms) = times(volume, settings, &mut self.prepared);
+        let times = times(volume, settings, &mut self.prepared);
         Ok(Point {
             at,
-            march_ms,
-            tick_ms,
+            march_ms: times.march_ms[1],
+            tick_ms: times.stages_ms.iter().map(|(_, ms)| ms[1]).sum(),
             error: None,
         })
     }

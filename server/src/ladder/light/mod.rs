@@ -3,6 +3,9 @@
 //! The truth is the same cloud, sky, air and ground with paths traced in place of the march, and the same phase function. Rungs of the other ladders than scattering are also held
 //! against the march by what their ladder calls exact (`rungs::exact`), with the scattering that all of them have, for the error of that would hide theirs. Measured on the
 //! CPU device, which has every rung.
+//!
+//! Costs are what a viewer pays: a tick brings other cloud and a sun that has moved, so every rung is billed for all stages that are made anew then, whoever made them necessary.
+//! Work that is the same for several rungs has one number, the least that any of them took ([`share`]), so that they stand apart by their own work only.
 
 mod balls;
 mod flip;
@@ -10,6 +13,7 @@ mod rungs;
 pub(super) mod scenes;
 mod slabs;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -18,9 +22,8 @@ use welkin_proto::ApiError;
 use welkin_proto::wire::FrameFormat;
 use welkin_shaders::CloudVolume;
 use welkin_shaders::cpu::light::path_tracer::Film;
-use welkin_shaders::cpu::view::{
-    Prepared, SunOcclusion, ViewSettings, developed, path_trace, radiance, render_watched,
-};
+use welkin_shaders::cpu::light::phase_table::PhaseChoice;
+use welkin_shaders::cpu::view::{Prepared, ViewSettings, developed, path_trace, radiance, render_watched};
 use welkin_shaders::gpu::view_stages::ShapeGrid;
 use welkin_shaders::view::{Slab, fingerprint};
 
@@ -63,12 +66,16 @@ pub struct LightRow {
     pub flip: f64,
     /// Mean radiance over the truth's.
     pub brightness: f64,
-    /// Wall milliseconds of the march, the lesser of two runs.
+    /// Wall milliseconds of the march, the least of three; the same for rungs of a ladder that marches alike ([`share`]).
     pub march_ms: f64,
-    /// Wall milliseconds of what it needs once a tick. The grid of optical depths counts for who looks depths up in it; it is made for all, since it holds
-    /// how much of sky and ground is seen.
+    /// Wall milliseconds of all that a tick makes anew for it: the sum of `tick_stages_ms`. The grid of optical depths is part of it for every rung, who has a map or
+    /// marches towards the sun too: it holds how much of sky and ground each place sees, and the ground's shadow.
     pub sun_ms: f64,
-    /// Bytes that are kept for it.
+    /// Its stages, each the least of three.
+    pub tick_stages_ms: BTreeMap<&'static str, f64>,
+    /// Of phase functions: wall milliseconds of making the march's tables of it, once in a world's life.
+    pub once_ms: Option<f64>,
+    /// Bytes that are kept for what the ladder is about.
     pub bytes: u64,
     /// Whether no other rung of the ladder is both cheaper (both times together) and nearer to the truth.
     pub pareto: bool,
@@ -77,8 +84,7 @@ pub struct LightRow {
 impl LightRow {
     /// Milliseconds in all, and the error that its ladder is judged by.
     fn cost_and_error(&self) -> (f64, f64) {
-        let sun_ms = if self.sun_ms.is_finite() { self.sun_ms } else { 0.0 };
-        (self.march_ms + sun_ms, self.own_error.unwrap_or(self.error))
+        (self.march_ms + self.sun_ms, self.own_error.unwrap_or(self.error))
     }
 }
 
@@ -95,7 +101,7 @@ pub struct LightScene {
     pub paths: u32,
     /// The truth's standard error in the mean square, relative.
     pub truth_error: f64,
-    /// Wall seconds that its paths took in this run.
+    /// Wall seconds that its paths took, in this run and in those that it was gone on from.
     pub truth_s: f64,
     /// One a rung.
     pub rows: Vec<LightRow>,
@@ -153,6 +159,13 @@ fn truth_file(folder: &Path, picture: &Picture) -> PathBuf {
     folder.join(format!("{}-{hash:016x}.film", picture.name))
 }
 
+/// A film as it is kept: its bytes, then the seconds that its paths have taken so far. A file of another length is no such film, and is traced anew.
+fn kept_film(path: &Path, pixels: usize) -> Option<(Film, f64)> {
+    let bytes = std::fs::read(path).ok()?;
+    let (film, seconds) = bytes.split_last_chunk::<8>()?;
+    Some((Film::from_bytes(pixels, film)?, f64::from_le_bytes(*seconds)))
+}
+
 /// Writes a file whole or not at all.
 fn keep(path: &Path, bytes: &[u8]) -> Result<(), LadderError> {
     let part = path.with_extension("part");
@@ -168,14 +181,13 @@ fn measure(context: &LightContext, picture: &Picture, paths: u32) -> Result<Ligh
         volume,
         settings,
     } = picture;
-    let began = Instant::now();
     let mut prepared = Prepared::new();
     let kept = context.truths.map(|folder| truth_file(folder, picture));
-    let mut film = kept
+    let pixels = settings.width * settings.height;
+    let (mut film, mut truth_s) = kept
         .as_deref()
-        .and_then(|path| std::fs::read(path).ok())
-        .and_then(|bytes| Film::from_bytes(settings.width * settings.height, &bytes))
-        .unwrap_or_else(|| Film::new(settings.width * settings.height));
+        .and_then(|path| kept_film(path, pixels))
+        .unwrap_or_else(|| (Film::new(pixels), 0.0));
     while film.samples < paths {
         if !(context.progress)(
             &format!("{name}: the truth"),
@@ -184,12 +196,13 @@ fn measure(context: &LightContext, picture: &Picture, paths: u32) -> Result<Ligh
             return Err(LadderError::Interrupted);
         }
         let batch = 16.min(paths - film.samples);
+        let began = Instant::now();
         path_trace(Some(volume), settings, &mut prepared, 1.0, &mut film, batch);
+        truth_s += began.elapsed().as_secs_f64();
         if let Some(path) = &kept {
-            keep(path, &film.to_bytes())?;
+            keep(path, &[film.to_bytes().as_slice(), &truth_s.to_le_bytes()].concat())?;
         }
     }
-    let truth_s = began.elapsed().as_secs_f64();
     let truth = film.radiance();
     let as_floats: Vec<[f32; 3]> = truth.iter().map(|p| p.map(|v| v as f32)).collect();
     let truth_picture = developed(Some(volume), settings, &mut prepared, &as_floats);
@@ -225,7 +238,8 @@ fn measure(context: &LightContext, picture: &Picture, paths: u32) -> Result<Ligh
             height: timed[1],
             ..settings
         };
-        let (march_ms, sun_ms) = times(volume, &timed, &mut prepared);
+        let once_ms = (ladder == "phase").then(|| phase_ms(&timed, &mut prepared));
+        let times = times(volume, &timed, &mut prepared);
         let from_truth = apart(&ours, &mut truth.iter().flatten().copied());
         let exact = LADDERS
             .iter()
@@ -240,13 +254,16 @@ fn measure(context: &LightContext, picture: &Picture, paths: u32) -> Result<Ligh
             own_error: from_exact.map(|e| (e / square).sqrt()),
             flip: flip(&bytes, &truth_picture, settings.width),
             brightness: ours.iter().flatten().map(|v| cut(f64::from(*v))).sum::<f64>() / shown,
-            march_ms,
-            sun_ms,
+            march_ms: times.march_ms[0],
+            sun_ms: f64::NAN,
+            tick_stages_ms: times.stages_ms.iter().map(|(stage, ms)| (*stage, ms[0])).collect(),
+            once_ms,
             bytes: rungs::bytes_of(ladder, &settings.lighting, &grid),
             pareto: false,
         });
         pictures.push(bytes);
     }
+    share(&mut rows);
     for ladder in LADDERS {
         let points: Vec<Option<(f64, f64)>> = rows
             .iter()
@@ -268,29 +285,101 @@ fn measure(context: &LightContext, picture: &Picture, paths: u32) -> Result<Ligh
     })
 }
 
-/// Milliseconds of a picture's march, the lesser of two, and of what it needs once a tick.
-pub(super) fn times(volume: &CloudVolume, settings: &ViewSettings, prepared: &mut Prepared) -> (f64, f64) {
-    // The sun a degree away has everything made anew.
+/// The ladders whose rungs change what a stage has to do.
+fn changed_by(stage: &str) -> &'static [&'static str] {
+    match stage {
+        "march" => &["scattering", "sun_occlusion", "view_steps"],
+        "sky_table" | "sky_light" => &["sky"],
+        "sun_map" => &["sun_occlusion"],
+        "diffusion" | "slab_fit" | "slab_collector" => &["scattering", "phase"],
+        _ => &[],
+    }
+}
+
+/// Gives work that is the same for many rungs one number, the least that any of them took, and sums up the stages of a tick. A phase function or a sky is looked up in
+/// tables of one size whatever made them, so that those ladders' rungs march alike.
+fn share(rows: &mut [LightRow]) {
+    fn shared(row: &mut LightRow) -> impl Iterator<Item = (&'static str, &mut f64)> {
+        let ladder = row.ladder;
+        let stages = row.tick_stages_ms.iter_mut().map(|(stage, ms)| (*stage, ms));
+        let march = std::iter::once(("march", &mut row.march_ms));
+        stages
+            .chain(march)
+            .filter(move |(stage, _)| !changed_by(stage).contains(&ladder))
+    }
+    let mut least_ms = BTreeMap::new();
+    for (stage, ms) in rows.iter_mut().flat_map(shared) {
+        let least = least_ms.entry(stage).or_insert(*ms);
+        *least = least.min(*ms);
+    }
+    for (stage, ms) in rows.iter_mut().flat_map(shared) {
+        *ms = least_ms[stage];
+    }
+    for row in rows {
+        row.sun_ms = row.tick_stages_ms.values().sum();
+    }
+}
+
+/// How often everything is timed.
+const RUNS: usize = 3;
+
+/// Wall milliseconds of a picture that brings a new tick, each with its runs in order, the least first.
+pub(super) struct Times {
+    /// The march.
+    pub(super) march_ms: [f64; RUNS],
+    /// Each stage that a tick makes anew.
+    pub(super) stages_ms: Vec<(&'static str, [f64; RUNS])>,
+}
+
+/// Times a picture with all that is made anew where the cloud is another and the sun has moved. Tables of what no tick changes (air, noise, phase function) are there before the clock starts.
+pub(super) fn times(volume: &CloudVolume, settings: &ViewSettings, prepared: &mut Prepared) -> Times {
+    // A sun a degree away has all light made anew, a sky without cloud the cloud's shape.
     let mut away = *settings;
     away.sun_direction[1] += 0.02;
     [away.width, away.height] = [8, 8];
-    render_watched(Some(volume), &away, prepared, &mut |_| {});
-    let by_grid = settings.lighting.sun_occlusion == SunOcclusion::LightGrid;
-    let (mut march, mut sun) = (f64::INFINITY, 0.0);
-    for _ in 0..2 {
+    let mut stages: Vec<(&'static str, [f64; RUNS])> = Vec::new();
+    for run in 0..RUNS {
+        for volume in [Some(volume), None] {
+            render_watched(volume, &away, prepared, &mut |_| {});
+        }
         let mut last = Instant::now();
         render_watched(Some(volume), settings, prepared, &mut |stage| {
             let ms = last.elapsed().as_secs_f64() * 1e3;
             last = Instant::now();
-            match stage {
-                "march" => march = march.min(ms),
-                "sun_optical_depth" if by_grid => sun += ms,
-                "sun_map" | "diffusion" | "slab_fit" | "slab_collector" => sun += ms,
-                _ => {}
+            match stages.iter_mut().find(|(name, _)| *name == stage) {
+                Some((_, runs)) => runs[run] = ms,
+                None => stages.push((stage, [ms; RUNS])),
             }
         });
     }
-    (march, sun)
+    for (_, runs) in &mut stages {
+        runs.sort_by(f64::total_cmp);
+    }
+    let march = stages.iter().position(|(stage, _)| *stage == "march");
+    Times {
+        march_ms: march.map_or([f64::NAN; RUNS], |n| stages.remove(n).1),
+        stages_ms: stages,
+    }
+}
+
+/// Wall milliseconds of the march's tables of a view's phase function; another one is there before, so that they are made.
+fn phase_ms(settings: &ViewSettings, prepared: &mut Prepared) -> f64 {
+    let small = ViewSettings {
+        width: 8,
+        height: 8,
+        ..*settings
+    };
+    let mut other = small;
+    other.lighting.phase = PhaseChoice::HenyeyGreenstein { asymmetry: 0.5 };
+    render_watched(None, &other, prepared, &mut |_| {});
+    let (mut last, mut made_ms) = (Instant::now(), 0.0);
+    render_watched(None, &small, prepared, &mut |stage| {
+        if stage == "march_phase" {
+            made_ms = last.elapsed().as_secs_f64() * 1e3;
+        }
+        last = Instant::now();
+    });
+    made_ms
 }
 
 /// Error beside milliseconds, a panel a scene and ladder. Errors: [`PlotError`].
@@ -310,7 +399,7 @@ pub fn png(report: &LightReport) -> Result<Vec<u8>, PlotError> {
             panels.push(Panel::Chart(Chart {
                 title: format!("{}: {ladder}", scene.scene),
                 axes: [
-                    "ms of the march and of what it needs once a tick".to_owned(),
+                    "ms of the march and of all that a tick makes anew".to_owned(),
                     if ladder == LADDERS[0] {
                         "relative error of radiance".to_owned()
                     } else {
@@ -411,5 +500,56 @@ mod tests {
         let ours = first.march[0].reflected;
         // Steps of 15 m in 1000 m, the 1 % at which rays end, and edges smoothed over a level.
         assert!((ours / truth - 1.0).abs() < 0.03, "{ours} {truth}");
+    }
+
+    /// A map or a march towards the sun spares nobody the grid, and what rungs share costs them the same.
+    #[test]
+    fn every_rung_pays_for_all_that_a_tick_makes() {
+        let picture = &scenes::all(16, 9)[2];
+        let mut prepared = Prepared::new();
+        let ways = rungs::contenders(&picture.settings);
+        let mut paid = |ladder: &str, rung: &str| {
+            let way = ways.iter().find(|c| c.ladder == ladder && c.rung == rung).unwrap();
+            let times = times(&picture.volume, &way.settings, &mut prepared);
+            assert!(times.march_ms[0] > 0.0 && times.march_ms[0] <= times.march_ms[2]);
+            times.stages_ms.iter().map(|(stage, _)| *stage).collect::<Vec<_>>()
+        };
+        let always = ["shape", "sky_visibility", "sky_table", "sky_light", "sun_optical_depth"];
+        for (ladder, rung, own) in [
+            ("scattering", "single", None),
+            ("scattering", "slab", Some("slab_fit")),
+            ("sun_occlusion", "secondary_march 4", Some("diffusion")),
+            ("sun_occlusion", "beer_shadow_map 128", Some("sun_map")),
+            ("phase", "rayleigh", Some("diffusion")),
+        ] {
+            let stages = paid(ladder, rung);
+            for stage in always.into_iter().chain(own) {
+                assert!(stages.contains(&stage), "{rung} lacks {stage}: {stages:?}");
+            }
+        }
+        let row = |ladder, march_ms, grid_ms| LightRow {
+            ladder,
+            rung: String::new(),
+            error: 0.0,
+            own_error: None,
+            flip: 0.0,
+            brightness: 1.0,
+            march_ms,
+            sun_ms: f64::NAN,
+            tick_stages_ms: [("sun_optical_depth", grid_ms)].into(),
+            once_ms: None,
+            bytes: 0,
+            pareto: false,
+        };
+        let mut rows = [
+            row("phase", 5.0, 3.0),
+            row("sky", 4.0, 2.0),
+            row("view_steps", 1.0, 2.5),
+        ];
+        share(&mut rows);
+        assert_eq!(
+            rows.map(|r| [r.march_ms, r.sun_ms]),
+            [[4.0, 2.0], [4.0, 2.0], [1.0, 2.0]]
+        );
     }
 }

@@ -1,7 +1,9 @@
 //! The rungs that are measured, and what each ladder's are held against besides traced paths.
 
 use welkin_shaders::cpu::light::analytic_sky::SkyMethod;
+use welkin_shaders::cpu::light::march_phase::PHASE_QUADS;
 use welkin_shaders::cpu::light::phase_table::PhaseChoice;
+use welkin_shaders::cpu::light::sky_table::{SKY_COLUMNS, SKY_HALF_ROWS};
 use welkin_shaders::cpu::view::{Lighting, MapKind, Scattering, SunOcclusion, ViewSettings};
 use welkin_shaders::gpu::view_stages::ShapeGrid;
 use welkin_shaders::view::ViewSteps;
@@ -171,16 +173,22 @@ pub(in crate::ladder) fn occluded(base: &ViewSettings, sun_occlusion: SunOcclusi
     ViewSettings { lighting, ..*base }
 }
 
-/// Bytes that a way to light a cloud keeps: the grid's depths and the ground's shadow, a map, or the diffuse light.
+/// Bytes that are kept for what the ladder is about: the diffuse light or the fitted slabs; the grid's depths with the ground's shadow, which every way towards the sun has, and
+/// a map besides; the march's tables of a phase function; the sky's. Steps keep nothing.
 pub(super) fn bytes_of(ladder: &str, lighting: &Lighting, grid: &ShapeGrid) -> u64 {
     match (ladder, lighting.scattering, lighting.sun_occlusion) {
         ("scattering", Scattering::Diffusion, _) => grid.fluence_bytes(),
         ("scattering", Scattering::Slab, _) => 2 * grid.word_bytes(),
         ("scattering", Scattering::SlabCollector, _) => 8 * grid.word_bytes(),
-        ("sun_occlusion", _, SunOcclusion::LightGrid) => grid.word_bytes() + grid.shadow_bytes(),
-        ("sun_occlusion", _, SunOcclusion::ShadowMap { kind, side }) => {
-            4 * kind.numbers() as u64 * u64::from(side).pow(2)
+        ("sun_occlusion", _, occlusion) => {
+            let map = match occlusion {
+                SunOcclusion::ShadowMap { kind, side } => 4 * kind.numbers() as u64 * u64::from(side).pow(2),
+                SunOcclusion::LightGrid | SunOcclusion::SecondaryMarch { .. } => 0,
+            };
+            grid.word_bytes() + grid.shadow_bytes() + map
         }
+        ("phase", ..) => (PHASE_QUADS * size_of::<[f32; 4]>()) as u64,
+        ("sky", ..) => (2 * SKY_HALF_ROWS * SKY_COLUMNS * size_of::<[f32; 3]>()) as u64,
         _ => 0,
     }
 }
