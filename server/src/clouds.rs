@@ -89,6 +89,50 @@ pub fn cumulus_field(seed: u32, clouds: usize) -> CloudVolume {
     volume(grid, cells)
 }
 
+/// Heaps over a flat base at 600 m wherever a sum of waves is above `threshold`, the higher the further above: the lower the threshold, the more of the sky is cloud, all of it at
+/// -4 and nothing at 4. The waves are 500 to 1300 m long and sum up to a mean of 0 with a standard deviation of 1.
+pub fn broken_layer(seed: u32, threshold: f32) -> CloudVolume {
+    const WAVES: usize = 24;
+    let grid = Grid {
+        cells: [64, 64, 75],
+        cell_size_m: [100.0, 100.0, 40.0],
+    };
+    let mut random = Random(seed);
+    // Whole waves across the box east and north, and where they begin.
+    let waves: [[f32; 3]; WAVES] = std::array::from_fn(|_| {
+        let turn = std::f32::consts::TAU * random.next();
+        let count = 5.0 + 8.0 * random.next();
+        [
+            (count * turn.cos()).round(),
+            (count * turn.sin()).round(),
+            std::f32::consts::TAU * random.next(),
+        ]
+    });
+    let mut cells = vec![0.0f32; grid.len()];
+    for j in 0..64 {
+        for i in 0..64 {
+            let [x, y] = [i, j].map(|n| std::f32::consts::TAU * (n as f32 + 0.5) / 64.0);
+            let sum: f32 = waves
+                .iter()
+                .map(|[east, north, from]| (east * x + north * y + from).cos())
+                .sum();
+            let above = sum * (2.0 / WAVES as f32).sqrt() - threshold;
+            if above <= 0.0 {
+                continue;
+            }
+            let top_m = 600.0 + (200.0 + 500.0 * above).min(1200.0);
+            for k in 15..75 {
+                let z = (k as f32 + 0.5) * 40.0;
+                if z < top_m {
+                    let core = 0.02 + 0.07 * ((z - 600.0) / 900.0).clamp(0.0, 1.0);
+                    cells[grid.index(i, j, k)] = core * (above * 3.0).min(1.0);
+                }
+            }
+        }
+    }
+    volume(grid, cells)
+}
+
 /// One round thick cloud in the middle of the box: centre height and radius in m, extinction in 1/m.
 pub fn ball(centre_height_m: f32, radius_m: f32, extinction_per_m: f32) -> CloudVolume {
     let grid = Grid {

@@ -2,7 +2,7 @@
 //!
 //! Seed 001 compares four ways to learn how much cloud lies towards the sun: a secondary march and an exponential, a Beer and a Fourier map, by the maps' size, the number of samples,
 //! the size of the picture and how much of it is cloud. Seed 004 skips empty space, so that the domain's size should matter little. Seed 000 plots frames a second against the segments of a ray. Ours run on the CPU, theirs on GPUs of 2022 and 2009:
-//! what is compared is who is cheaper where and how costs grow, not milliseconds.
+//! what is compared is who is cheaper where and how costs grow, not milliseconds. A number of a seed's (a growth, a cover) holds where ours is within a factor of 1.5 of it.
 
 use serde::Serialize;
 use welkin_shaders::cpu::view::{MapKind, Prepared, SunOcclusion, ViewSettings, radiance, render};
@@ -11,7 +11,7 @@ use welkin_shaders::{CloudVolume, Grid};
 
 use super::LadderError;
 use super::light::{self, map, occluded, occlusion_name, times};
-use crate::clouds::{self, cumulus_field, settings};
+use crate::clouds::{self, broken_layer, cumulus_field, settings};
 use crate::plot::{self, Chart, Panel, PlotError, Series};
 
 /// How the experiments are to be run.
@@ -73,10 +73,51 @@ pub struct Finding {
     pub seed: &'static str,
     /// What it says.
     pub says: &'static str,
-    /// Whether our figures say the same.
+    /// Whether our figures say the same, each of the numbers within a factor of 1.5.
     pub holds: bool,
     /// Our figures.
     pub here: String,
+    /// The seed's numbers beside ours, where it has any.
+    pub numbers: Vec<Number>,
+}
+
+/// A number of a seed's beside ours.
+#[derive(Clone, Debug, Serialize)]
+pub struct Number {
+    /// What it counts, with its unit.
+    pub what: String,
+    /// From and to what the seed has it.
+    pub seed: [f64; 2],
+    /// Ours; none where our curves have no such place.
+    pub here: Option<f64>,
+}
+
+/// By what factor a number may miss a seed's and still say the same.
+const SAME: f64 = 1.5;
+
+impl Number {
+    fn new(what: impl Into<String>, seed: [f64; 2], here: Option<f64>) -> Number {
+        let what = what.into();
+        Number { what, seed, here }
+    }
+    /// Whether ours is within [`SAME`] of the seed's.
+    fn is_near(&self) -> bool {
+        let [from, to] = self.seed;
+        self.here.is_some_and(|here| (from / SAME..=to * SAME).contains(&here))
+    }
+}
+
+impl Finding {
+    /// A conclusion that holds where our curves have its `shape` and its numbers are near.
+    fn new(seed: &'static str, says: &'static str, shape: bool, here: String, numbers: Vec<Number>) -> Finding {
+        Finding {
+            seed,
+            says,
+            holds: shape && numbers.iter().all(Number::is_near),
+            here,
+            numbers,
+        }
+    }
 }
 
 /// All of them.
@@ -154,7 +195,7 @@ pub fn experiments(conditions: &Conditions) -> Result<Experiments, LadderError> 
         conditions,
         prepared: Prepared::new(),
         done: 0,
-        all: if conditions.quick { 38 } else { 108 },
+        all: if conditions.quick { 42 } else { 112 },
     };
     Ok(Experiments {
         version: env!("CARGO_PKG_VERSION"),
@@ -211,27 +252,30 @@ fn map_sizes(run: &mut Run) -> Result<Experiment, LadderError> {
         .collect();
     let order = last(0).tick_ms <= last(1).tick_ms * 1.05 && last(1).tick_ms <= last(2).tick_ms * 1.05;
     let findings = vec![
-        Finding {
-            seed: "001",
-            says: "the Fourier map costs most to make, the exponential one least",
-            holds: order,
-            here: format!(
-                "{:.1}, {:.1} and {:.1} ms for an exponential, a Beer and a Fourier map of {} squared",
+        Finding::new(
+            "001",
+            "the Fourier map costs most to make, the exponential one least",
+            order,
+            format!(
+                "{:.1}, {:.1} and {:.1} ms a tick with an exponential, a Beer and a Fourier map of {} squared",
                 last(0).tick_ms,
                 last(1).tick_ms,
                 last(2).tick_ms,
                 sides[sides.len() - 1],
             ),
-        },
-        Finding {
-            seed: "001",
-            says: "twice the side makes a map cost less than four times as much (2 to 2.5)",
-            holds: growth.iter().all(|g| *g < 3.6),
-            here: format!(
-                "{:.1}, {:.1} and {:.1} times at the last doubling",
-                growth[0], growth[1], growth[2]
-            ),
-        },
+            Vec::new(),
+        ),
+        Finding::new(
+            "001",
+            "twice the side makes a map cost less than four times as much",
+            growth.iter().all(|g| *g < 4.0),
+            "what a tick needs at the last doubling, the stages that all ways share included".to_owned(),
+            curves
+                .iter()
+                .zip(&growth)
+                .map(|(curve, growth)| Number::new(format!("times, {}", curve.method), [2.0, 2.5], Some(*growth)))
+                .collect(),
+        ),
     ];
     Ok(Experiment {
         name: "map size",
@@ -282,52 +326,66 @@ fn samples(run: &mut Run) -> Result<Experiment, LadderError> {
     let middle = marched[marched.len() / 2];
     let straight = first.ms() + (last.ms() - first.ms()) * (middle.at - first.at) / (last.at - first.at);
     let ten = marched.iter().find(|p| p.at >= 10.0).unwrap_or(&last);
-    let beaten: Vec<String> = curves[1..]
+    let cheaper: Vec<String> = curves[1..]
         .iter()
         .filter(|c| c.points[0].ms() < ten.ms())
         .map(|c| c.method.clone())
         .collect();
+    let beaten = curves[1..3].iter().all(|c| c.points[0].ms() < ten.ms());
     let least = curves[1..4]
         .iter()
         .filter_map(|c| c.points[0].error)
         .fold(f64::INFINITY, f64::min);
     let findings = vec![
-        Finding {
-            seed: "001",
-            says: "the secondary march's time grows linearly with its samples, 2.35 times from 1 to 50",
-            holds: (middle.ms() / straight - 1.0).abs() < 0.2,
-            here: format!(
-                "{:.0} to {:.0} ms, {:.1} times; {:.0} samples take {:.2} of what a straight line has",
-                first.ms(),
-                last.ms(),
-                last.ms() / first.ms(),
+        Finding::new(
+            "001",
+            "the secondary march's time grows linearly with its samples",
+            (middle.ms() / straight - 1.0).abs() < 0.2,
+            format!(
+                "{:.0} samples take {:.2} of what a straight line has",
                 middle.at,
                 middle.ms() / straight,
             ),
-        },
-        Finding {
-            seed: "001",
-            says: "with ten samples it is already slower than exponential and Beer maps",
-            holds: beaten.len() >= 2,
-            here: format!(
+            Vec::new(),
+        ),
+        Finding::new(
+            "001",
+            "that growth is gentle: 2.35 times the time from 1 to 50 samples",
+            true,
+            format!(
+                "{:.0} ms with {:.0}, {:.0} ms with {:.0}",
+                first.ms(),
+                first.at,
+                last.ms(),
+                last.at
+            ),
+            vec![Number::new("times", [2.35; 2], Some(last.ms() / first.ms()))],
+        ),
+        Finding::new(
+            "001",
+            "with ten samples it is already slower than exponential and Beer maps",
+            beaten,
+            format!(
                 "{:.0} ms; cheaper are {}",
                 ten.ms(),
-                if beaten.is_empty() {
+                if cheaper.is_empty() {
                     "none".to_owned()
                 } else {
-                    beaten.join(", ")
+                    cheaper.join(", ")
                 }
             ),
-        },
-        Finding {
-            seed: "001",
-            says: "its shadows are the nearest to the truth",
-            holds: ten.error.is_some_and(|e| e < least),
-            here: format!(
+            Vec::new(),
+        ),
+        Finding::new(
+            "001",
+            "its shadows are the nearest to the truth",
+            ten.error.is_some_and(|e| e < least),
+            format!(
                 "relative error {:.3} with ten samples, {least:.3} the best map",
                 ten.error.unwrap_or(f64::NAN)
             ),
-        },
+            Vec::new(),
+        ),
     ];
     Ok(Experiment {
         name: "samples",
@@ -359,7 +417,7 @@ fn picture_sizes(run: &mut Run) -> Result<Experiment, LadderError> {
     }
     let growth = |c: &Curve| c.points[sizes.len() - 1].ms() - c.points[0].ms();
     let march = growth(&curves[0]);
-    let fastest = curves[1..4].iter().map(growth).fold(f64::INFINITY, f64::min);
+    let maps = curves[1..4].iter().map(growth).fold(0.0, f64::max);
     let pixels = |n: usize| (sizes[n][0] * sizes[n][1]) as f64;
     let linear: Vec<f64> = curves
         .iter()
@@ -369,21 +427,23 @@ fn picture_sizes(run: &mut Run) -> Result<Experiment, LadderError> {
         })
         .collect();
     let findings = vec![
-        Finding {
-            seed: "001",
-            says: "a larger picture burdens the secondary march more than the maps",
-            holds: march > fastest,
-            here: format!("{march:.0} ms more from the least to the largest picture, the cheapest map {fastest:.0}"),
-        },
-        Finding {
-            seed: "001",
-            says: "cost grows with the pixels",
-            holds: linear.iter().all(|l| (0.7..1.3).contains(l)),
-            here: format!(
+        Finding::new(
+            "001",
+            "a larger picture burdens the secondary march more than the maps",
+            march > maps,
+            format!("{march:.0} ms more from the least to the largest picture, the dearest map {maps:.0}"),
+            Vec::new(),
+        ),
+        Finding::new(
+            "001",
+            "cost grows with the pixels",
+            linear.iter().all(|l| (0.7..1.3).contains(l)),
+            format!(
                 "the march's time over the pixels' growth at the last step, by method: {}",
                 linear.iter().map(|l| format!("{l:.2}")).collect::<Vec<_>>().join(", ")
             ),
-        },
+            Vec::new(),
+        ),
     ];
     Ok(Experiment {
         name: "picture size",
@@ -394,56 +454,92 @@ fn picture_sizes(run: &mut Run) -> Result<Experiment, LadderError> {
     })
 }
 
-/// The same sky in a domain of `times` x `times` as many columns.
-fn tiled(volume: &CloudVolume, times: usize) -> CloudVolume {
+/// A cloud field in a domain of `times` x `times` as many columns: copied into all of it, so that every ray sees the same sky, or else alone in its middle with empty air around.
+fn widened(volume: &CloudVolume, times: usize, copied: bool) -> CloudVolume {
     let [nx, ny, nz] = volume.grid.cells;
     let grid = Grid {
         cells: [nx * times, ny * times, nz],
         ..volume.grid
     };
+    let middle = (times - 1) / 2;
     let cells = (0..grid.len()).map(|n| {
         let [i, j, k] = [n % (nx * times), n / (nx * times) % (ny * times), n / grid.plane()];
-        volume.extinction_per_m[volume.grid.index(i % nx, j % ny, k)]
+        if copied || (i / nx == middle && j / ny == middle) {
+            volume.extinction_per_m[volume.grid.index(i % nx, j % ny, k)]
+        } else {
+            0.0
+        }
     });
     clouds::volume(grid, cells.collect())
 }
 
+/// Domains are endless: at their edges they begin again. A ray is as long in a large one as in a small one, and where clouds are copied it meets the same; with empty air around
+/// the clouds it meets their copies only after so much more nothing. There is no march without skipping to hold against; linear growth is what it would have in a domain
+/// that rays cross from end to end.
 fn domain_sizes(run: &mut Run) -> Result<Experiment, LadderError> {
     let one = cumulus_field(7, 12);
     let size = usual_size(run);
     let times: &[usize] = if run.conditions.quick { &[1, 2] } else { &[1, 2, 4] };
-    let mut points = Vec::new();
-    for times in times {
-        let volume = tiled(&one, *times);
-        points.push(run.point(&volume, &looking_up(size), volume.grid.len() as f64)?);
+    let mut curves = Vec::new();
+    for (method, copied) in [("clouds in empty air", false), ("clouds copied", true)] {
+        let mut points = Vec::new();
+        for times in times {
+            let volume = widened(&one, *times, copied);
+            let mut view = looking_up(size);
+            // Flat enough that rays leave the clouds' own part of the domain, and with it as it moves.
+            view.elevation_deg = 18.0;
+            for (a, cells) in one.grid.cells[..2].iter().enumerate() {
+                let moved = ((times - 1) / 2 * cells) as f32;
+                view.camera_position_m[a] += moved * one.grid.cell_size_m[a];
+            }
+            points.push(run.point(&volume, &view, volume.grid.len() as f64)?);
+        }
+        curves.push(Curve {
+            method: method.to_owned(),
+            points,
+        });
     }
-    let (first, last) = (points[0], points[points.len() - 1]);
-    let [cells, march, tick] = [
-        last.at / first.at,
-        last.march_ms / first.march_ms,
-        last.tick_ms / first.tick_ms.max(1e-3),
+    let growths = |curve: &Curve| {
+        let (first, last) = (curve.points[0], curve.points[times.len() - 1]);
+        [
+            last.at / first.at,
+            last.march_ms / first.march_ms,
+            last.tick_ms / first.tick_ms,
+            last.ms() / first.ms(),
+        ]
+    };
+    let finding = |says: &'static str, curve: &Curve, judged: usize| {
+        let growth = growths(curve);
+        let [cells, march, tick, whole] = growth;
+        Finding::new(
+            "004",
+            says,
+            growth[judged] * SAME < cells,
+            format!(
+                "{}: {cells:.0} times the cells take {march:.2} times the march, {tick:.1} times what a tick needs, {whole:.1} times both; linear growth would be {cells:.0} times",
+                curve.method
+            ),
+            Vec::new(),
+        )
+    };
+    let march = "where empty space is skipped the march's time grows less than the domain";
+    let whole = "a picture's whole time with what a tick makes anew does too";
+    let findings = vec![
+        finding(march, &curves[0], 1),
+        finding(whole, &curves[0], 3),
+        finding(march, &curves[1], 1),
     ];
     Ok(Experiment {
         name: "domain size",
         axis: "cells",
         size: Some(size),
-        curves: vec![Curve {
-            method: occlusion_name(SunOcclusion::LightGrid),
-            points,
-        }],
-        findings: vec![Finding {
-            seed: "004",
-            says: "where empty space is skipped a picture's time grows less than the domain",
-            holds: march < 0.5 * cells,
-            here: format!(
-                "{cells:.0} times the cells take {march:.2} times the march, {tick:.1} times what a tick needs"
-            ),
-        }],
+        curves,
+        findings,
     })
 }
 
-/// Share of the picture's pixels that differ from the clear sky's.
-fn covered(volume: &CloudVolume, view: &ViewSettings, prepared: &mut Prepared) -> f64 {
+/// Share of the picture's pixels that differ from the clear sky's, %.
+fn cover(volume: &CloudVolume, view: &ViewSettings, prepared: &mut Prepared) -> f64 {
     let small = ViewSettings {
         width: 160,
         height: 90,
@@ -454,7 +550,43 @@ fn covered(volume: &CloudVolume, view: &ViewSettings, prepared: &mut Prepared) -
     let pixels = cloudy.chunks_exact(3).zip(clear.chunks_exact(3));
     // The pattern against bands and the last bit of rounding are no cloud.
     let differ = pixels.filter(|(a, b)| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > 2));
-    differ.count() as f64 / (160.0 * 90.0)
+    100.0 * differ.count() as f64 / (160.0 * 90.0)
+}
+
+/// A field of which so much of the picture is cloud, %, to 2 % or as near as a dozen halvings come; and how much it is.
+fn covering(wanted: f64, view: &ViewSettings, prepared: &mut Prepared) -> (CloudVolume, f64) {
+    // Above the higher threshold there is hardly any cloud, above the lower one nothing else.
+    let (mut low, mut high) = (-4.0f32, 4.0);
+    let mut tries = 12;
+    loop {
+        let threshold = 0.5 * (low + high);
+        let volume = broken_layer(11, threshold);
+        let share = cover(&volume, view, prepared);
+        tries -= 1;
+        if (share - wanted).abs() <= 2.0 || tries == 0 {
+            return (volume, share);
+        }
+        if share < wanted {
+            high = threshold;
+        } else {
+            low = threshold;
+        }
+    }
+}
+
+/// Where the first curve, from below, comes to cost what the second does: between two points on the straight line.
+fn crossing(first: &Curve, second: &Curve) -> Option<f64> {
+    let ahead: Vec<[f64; 2]> = first
+        .points
+        .iter()
+        .zip(&second.points)
+        .map(|(a, b)| [a.at, a.ms() - b.ms()])
+        .collect();
+    let (from, to) = ahead
+        .windows(2)
+        .map(|pair| (pair[0], pair[1]))
+        .find(|(from, to)| from[1] <= 0.0 && to[1] > 0.0)?;
+    Some(from[0] + (to[0] - from[0]) * -from[1] / (to[1] - from[1]))
 }
 
 fn coverage(run: &mut Run) -> Result<Experiment, LadderError> {
@@ -463,10 +595,10 @@ fn coverage(run: &mut Run) -> Result<Experiment, LadderError> {
         elevation_deg: 80.0,
         ..looking_up(size)
     };
-    let counts: &[usize] = if run.conditions.quick {
-        &[2, 120]
+    let covers: &[f64] = if run.conditions.quick {
+        &[20.0, 90.0]
     } else {
-        &[1, 3, 6, 10, 16, 26, 45, 90, 300]
+        &[10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0]
     };
     let ways = ways(run.conditions.quick);
     let mut curves: Vec<Curve> = ways
@@ -476,59 +608,51 @@ fn coverage(run: &mut Run) -> Result<Experiment, LadderError> {
             points: Vec::new(),
         })
         .collect();
-    for clouds in counts {
-        let volume = cumulus_field(11, *clouds);
-        let share = 100.0 * covered(&volume, &view, &mut run.prepared);
+    for wanted in covers {
+        let (volume, share) = covering(*wanted, &view, &mut run.prepared);
         for (way, curve) in ways.iter().zip(&mut curves) {
             curve.points.push(run.point(&volume, &occluded(&view, *way), share)?);
         }
-    }
-    for curve in &mut curves {
-        curve.points.sort_by(|a, b| a.at.total_cmp(&b.at));
     }
     let slope = |c: &Curve| {
         let (first, last) = (c.points[0], c.points[c.points.len() - 1]);
         (last.ms() - first.ms()) / (last.at - first.at).max(1.0)
     };
-    let first_dearer = |n: usize| {
-        let pairs = curves[0].points.iter().zip(&curves[n].points);
-        pairs
-            .filter(|(march, map)| march.ms() > map.ms())
-            .map(|(march, _)| march.at)
-            .next()
-    };
-    let crossings: Vec<String> = (1..4)
-        .map(|n| match first_dearer(n) {
-            Some(at) => format!("{} from {at:.0} %", curves[n].method),
-            None => format!("{} nowhere", curves[n].method),
-        })
-        .collect();
     let cheapest = curves[..4]
         .iter()
         .map(|c| c.points[0].ms())
         .fold(f64::INFINITY, f64::min);
     let steepest = curves[1..4].iter().map(slope).fold(0.0, f64::max);
     let findings = vec![
-        Finding {
-            seed: "001",
-            says: "with little cloud the secondary march is the cheapest",
-            holds: curves[0].points[0].ms() <= cheapest,
-            here: format!(
+        Finding::new(
+            "001",
+            "with little cloud the secondary march is the cheapest",
+            curves[0].points[0].ms() <= cheapest,
+            format!(
                 "{:.1} ms at {:.0} %, the cheapest of the four {cheapest:.1}",
                 curves[0].points[0].ms(),
                 curves[0].points[0].at
             ),
-        },
-        Finding {
-            seed: "001",
-            says: "its time grows fastest with the cover, and passes those of the maps at 35, 45 and 78 %",
-            holds: slope(&curves[0]) > steepest && (1..4).all(|n| first_dearer(n).is_some()),
-            here: format!(
-                "{:.2} ms a percent, the maps at most {steepest:.2}; dearer than {}",
-                slope(&curves[0]),
-                crossings.join(", ")
-            ),
-        },
+            Vec::new(),
+        ),
+        Finding::new(
+            "001",
+            "its time grows fastest with the cover",
+            slope(&curves[0]) > steepest,
+            format!("{:.2} ms a percent, the maps at most {steepest:.2}", slope(&curves[0])),
+            Vec::new(),
+        ),
+        Finding::new(
+            "001",
+            "it passes the maps at 35, 45 and 78 % of cover, the cheapest map first",
+            true,
+            "between measured covers on the straight line".to_owned(),
+            curves[1..4]
+                .iter()
+                .zip([35.0, 45.0, 78.0])
+                .map(|(map, seed)| Number::new(format!("%, {}", map.method), [seed; 2], crossing(&curves[0], map)))
+                .collect(),
+        ),
     ];
     Ok(Experiment {
         name: "coverage",
@@ -580,28 +704,36 @@ fn segments(run: &mut Run) -> Result<Experiment, LadderError> {
     let at = |n: f64| points.iter().find(|p| p.at >= n).unwrap_or(&points[points.len() - 1]);
     let (few, many) = (at(5.0), at(30.0));
     let findings = vec![
-        Finding {
-            seed: "000",
-            says: "frames a second fall steeply with the first segments and ever less after: 48 with 5, 10 with 30",
-            holds: few.march_ms < many.march_ms && many.march_ms / few.march_ms < 6.0,
-            here: format!(
-                "{:.1} frames/s with 5, {:.1} with 30",
+        Finding::new(
+            "000",
+            "frames a second fall steeply with the first segments and ever less after: 48 with 5, 10 with 30",
+            few.march_ms < many.march_ms,
+            format!(
+                "{:.1} frames/s with {:.0}, {:.1} with {:.0}",
                 1e3 / few.march_ms,
-                1e3 / many.march_ms
+                few.at,
+                1e3 / many.march_ms,
+                many.at
             ),
-        },
-        Finding {
-            seed: "000",
-            says: "five segments look as good as eight or thirty",
-            holds: few.error.zip(many.error).is_some_and(|(few, many)| few < 1.5 * many),
-            here: format!(
+            vec![Number::new(
+                "times as many with the few",
+                [4.8; 2],
+                Some(many.march_ms / few.march_ms),
+            )],
+        ),
+        Finding::new(
+            "000",
+            "five segments look as good as eight or thirty",
+            few.error.zip(many.error).is_some_and(|(few, many)| few < SAME * many),
+            format!(
                 "relative error {:.3} with 5, {:.3} with 30; steps by distance {:.3}, by optical depth {:.3}. Our rays cross whole fields of ragged clouds, theirs one ellipsoid at a time",
                 few.error.unwrap_or(f64::NAN),
                 many.error.unwrap_or(f64::NAN),
                 curves[1].points[0].error.unwrap_or(f64::NAN),
                 curves[2].points[0].error.unwrap_or(f64::NAN),
             ),
-        },
+            Vec::new(),
+        ),
     ];
     Ok(Experiment {
         name: "segments",
@@ -631,7 +763,7 @@ pub fn png(report: &Experiments) -> Result<Vec<u8>, PlotError> {
     for experiment in &report.experiments {
         panels.push(chart(
             experiment,
-            "ms of a picture and what it needs once a tick",
+            "ms of a picture and of all that a tick makes anew",
             &|p| Some(p.ms()),
         ));
         if experiment
@@ -660,7 +792,7 @@ pub fn text(report: &Experiments) -> String {
             .size
             .map_or(String::new(), |[w, h]| format!(", {w} x {h} pixels"));
         text += &format!(
-            "\n{} ({}{size}): ms of the march + ms a tick, relative error\n",
+            "\n{} ({}{size}): ms of the march + ms of what a tick makes anew, relative error\n",
             experiment.name, experiment.axis
         );
         for curve in &experiment.curves {
@@ -679,6 +811,16 @@ pub fn text(report: &Experiments) -> String {
                 "  seed {}: {}. Here that {verdict}: {}.\n",
                 finding.seed, finding.says, finding.here
             );
+            for Number { what, seed, here } in &finding.numbers {
+                let here = here.map_or("nowhere".to_owned(), |v| format!("{v:.2}"));
+                let [from, to] = seed;
+                let seed = if from == to {
+                    from.to_string()
+                } else {
+                    format!("{from} to {to}")
+                };
+                text += &format!("    {what}: here {here}, in the seed {seed}\n");
+            }
         }
     }
     text
@@ -716,8 +858,39 @@ mod tests {
         }
         let cover = report.experiments.iter().find(|e| e.name == "coverage").unwrap();
         let cover = &cover.curves[0].points;
-        assert!(cover[0].at < 40.0 && cover[cover.len() - 1].at > 80.0, "{cover:?}");
+        for (point, wanted) in cover.iter().zip([20.0, 90.0]) {
+            assert!((point.at - wanted).abs() <= 3.0, "{cover:?}");
+        }
         assert!(text(&report).contains("seed 000"));
         assert!(png(&report).unwrap().len() > 10_000);
+    }
+
+    #[test]
+    fn a_number_that_misses_the_seeds_by_more_than_half_does_not_hold() {
+        let says = |here| {
+            let number = Number::new("times", [2.35; 2], here);
+            Finding::new("001", "", true, String::new(), vec![number]).holds
+        };
+        assert!(says(Some(2.35)) && says(Some(3.4)) && says(Some(1.6)));
+        assert!(!says(Some(4.9)) && !says(Some(1.5)) && !says(None));
+    }
+
+    #[test]
+    fn curves_cross_between_their_points() {
+        let curve = |ms: [f64; 3]| Curve {
+            method: String::new(),
+            points: (0..3)
+                .map(|n| Point {
+                    at: 10.0 * f64::from(n),
+                    march_ms: ms[n as usize],
+                    tick_ms: 1.0,
+                    error: None,
+                })
+                .collect(),
+        };
+        let flat = curve([4.0; 3]);
+        assert_eq!(crossing(&curve([1.0, 3.0, 7.0]), &flat), Some(12.5));
+        assert_eq!(crossing(&curve([5.0, 6.0, 7.0]), &flat), None, "dearer from the start");
+        assert_eq!(crossing(&curve([1.0; 3]), &flat), None);
     }
 }
