@@ -4,6 +4,8 @@ use std::sync::Once;
 
 use image::{ExtendedColorType, ImageEncoder};
 use plotters::coord::Shift;
+use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint};
+use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::register_font;
 
@@ -12,6 +14,16 @@ const FONT: &str = "welkin";
 /// Pixels of text.
 const TEXT: i32 = 15;
 const TITLE: i32 = 17;
+/// Pixels around a chart, and for the numbers and the name of each axis.
+const MARGIN: i32 = 12;
+const X_TEXTS: i32 = 46;
+const Y_TEXTS: i32 = 74;
+/// Pixels of a legend: a row, what is before the text, and around it all.
+const LEGEND_ROW: i32 = 20;
+const LEGEND_MARK: i32 = 34;
+const LEGEND_MARGIN: i32 = 8;
+/// The least factor that a logarithmic axis spans, so that the chance of a clock does not look like a difference.
+const LEAST_FACTOR: f64 = 3.0;
 /// Share of the height that is added above and below where points have notes.
 const NOTES_MARGIN: f64 = 0.12;
 /// Pixels for a picture's colour bar.
@@ -96,7 +108,7 @@ pub struct Chart {
     pub bands: Vec<[f64; 2]>,
     /// Shaded ranges of x.
     pub columns: Vec<[f64; 2]>,
-    /// Where the legend stands: its side right (else left) and bottom (else top).
+    /// Where the legend should stand: its side right (else left) and bottom (else top). It goes elsewhere where it would cover what is drawn, and outside if it does so everywhere.
     pub legend: [bool; 2],
     /// Text beside points: `[x, y]` and the text.
     pub notes: Vec<([f64; 2], String)>,
@@ -221,6 +233,127 @@ fn short(value: f64) -> String {
     }
 }
 
+/// Where an axis has its numbers, at most so many, as coordinates that are drawn: 1, 2 and 5 times powers of ten, on a logarithmic axis of many decades the powers alone.
+fn ticks(range: &std::ops::Range<f64>, log: bool, most: usize) -> Vec<f64> {
+    let steps = |low: f64, high: f64| {
+        let rough = ((high - low) / most as f64).max(f64::MIN_POSITIVE);
+        let unit = 10f64.powf(rough.log10().floor());
+        let multiple = [1.0, 2.0, 5.0, 10.0].into_iter().find(|m| m * unit >= rough);
+        let step = multiple.unwrap_or(10.0) * unit;
+        let all = (low / step).ceil() as i64..=(high / step).floor() as i64;
+        all.map(|n| n as f64 * step).collect::<Vec<f64>>()
+    };
+    if !log {
+        return steps(range.start, range.end);
+    }
+    let decades = range.start.floor() as i32..=range.end.ceil() as i32;
+    let at = |multiples: &[f64], each: usize| -> Vec<f64> {
+        let powers = decades.clone().filter(|d| d.rem_euclid(each as i32) == 0);
+        let all = powers.flat_map(|d| multiples.iter().map(move |m| f64::from(d) + m.log10()));
+        all.filter(|v| range.contains(v)).collect()
+    };
+    let coarser = (1..).map(|each| at(&[1.0], each));
+    let by_decades = [at(&[1.0, 2.0, 5.0], 1)]
+        .into_iter()
+        .chain(coarser)
+        .find(|all| all.len() <= most)
+        .unwrap_or_default();
+    if by_decades.len() >= 3 {
+        return by_decades;
+    }
+    // Less than a decade: steps that are equal in the value itself.
+    let values = steps(10f64.powf(range.start), 10f64.powf(range.end));
+    values.into_iter().filter(|v| *v > 0.0).map(f64::log10).collect()
+}
+
+/// A logarithmic axis that spans less than [`LEAST_FACTOR`] is widened around its middle.
+fn widened(range: std::ops::Range<f64>, log: bool) -> std::ops::Range<f64> {
+    let lacking = LEAST_FACTOR.log10() - (range.end - range.start);
+    if log && lacking > 0.0 {
+        range.start - 0.5 * lacking..range.end + 0.5 * lacking
+    } else {
+        range
+    }
+}
+
+/// Pixels that so much text is wide, about.
+fn text_width(text: &str, size: i32) -> i32 {
+    (0.5 * f64::from(size) * text.chars().count() as f64) as i32
+}
+
+/// Where the text beside a point stands from it, pixels: towards the middle, and neighbours at different heights, so that less of the text is cut or covered.
+fn note_shift(number: usize, text: &str, right_half: bool) -> (i32, i32) {
+    let left = -text_width(text, TEXT - 2) - 8;
+    (if right_half { left } else { 9 }, [-22, 8, -7][number % 3])
+}
+
+/// A chart's coordinates on the pixels of its frame, from the upper left.
+struct OnPixels {
+    ranges: [std::ops::Range<f64>; 2],
+    size: [i32; 2],
+}
+
+impl OnPixels {
+    fn at(&self, drawn: [f64; 2]) -> [i32; 2] {
+        let [x, y] = [0, 1].map(|a| {
+            let range = &self.ranges[a];
+            (drawn[a] - range.start) / (range.end - range.start)
+        });
+        [
+            (x * f64::from(self.size[0])) as i32,
+            ((1.0 - y) * f64::from(self.size[1])) as i32,
+        ]
+    }
+    /// Pixels, close together, that lines, points and notes cover.
+    fn covered(&self, chart: &Chart) -> Vec<[i32; 2]> {
+        const BETWEEN: usize = 60;
+        let coordinates = |p: &[f64; 2]| [0, 1].map(|a| drawn(p[a], chart.log[a]));
+        let mut all = Vec::new();
+        for series in &chart.series {
+            let points: Vec<[f64; 2]> = series
+                .points
+                .iter()
+                .map(coordinates)
+                .filter(|p| p.iter().all(|v| v.is_finite()))
+                .collect();
+            all.extend(points.iter().map(|p| self.at(*p)));
+            if matches!(series.mark, Mark::Line | Mark::Dashes) {
+                for pair in points.windows(2) {
+                    all.extend((1..BETWEEN).map(|n| {
+                        let share = n as f64 / BETWEEN as f64;
+                        self.at([0, 1].map(|a| pair[0][a] + (pair[1][a] - pair[0][a]) * share))
+                    }));
+                }
+            }
+        }
+        for (number, (at, text)) in chart.notes.iter().enumerate() {
+            let [x, y] = self.at(coordinates(at));
+            let (right, down) = note_shift(number, text, x > self.size[0] / 2);
+            let wide = text_width(text, TEXT - 2);
+            all.extend(
+                (0..=wide)
+                    .step_by(6)
+                    .flat_map(|along| [0, TEXT].map(|height| [x + right + along, y + down + height])),
+            );
+        }
+        all
+    }
+    /// Upper left corner of a legend of so many pixels where it covers nothing, the wanted corner first; none where there is no such place.
+    fn free(&self, chart: &Chart, legend: [i32; 2]) -> Option<[i32; 2]> {
+        let covered = self.covered(chart);
+        let wanted = chart.legend.map(|end| f64::from(u8::from(end)));
+        let places = [0.0, 1.0, 0.5].into_iter().flat_map(|x| [0.0, 1.0].map(|y| [x, y]));
+        std::iter::once(wanted).chain(places).find_map(|place| {
+            let corner = [0, 1].map(|a| {
+                let room = self.size[a] - legend[a] - 2 * LEGEND_MARGIN;
+                LEGEND_MARGIN + (place[a] * f64::from(room)) as i32
+            });
+            let is_in = |p: &[i32; 2]| (0..2).all(|a| (corner[a] - 8..=corner[a] + legend[a] + 8).contains(&p[a]));
+            (corner.iter().all(|c| *c >= LEGEND_MARGIN) && !covered.iter().any(is_in)).then_some(corner)
+        })
+    }
+}
+
 fn draw_chart(chart: &Chart, area: &Area) -> Result<(), PlotError> {
     let [log_x, log_y] = chart.log;
     let seen = || chart.series.iter().flat_map(|s| &s.points);
@@ -234,19 +367,41 @@ fn draw_chart(chart: &Chart, area: &Area) -> Result<(), PlotError> {
             .map(|p| drawn(p[1], log_y))
             .chain(chart.bands.iter().flatten().copied()),
     );
-    // Room for the text beside the points, and for the legend below it.
+    let (x, y) = (widened(x, log_x), widened(y, log_y));
+    // Room for the text beside the points.
     let y = if chart.notes.is_empty() {
         y
     } else {
         let margin = NOTES_MARGIN * (y.end - y.start);
         y.start - margin..y.end + margin
     };
+    let entries: Vec<&Series> = chart.series.iter().filter(|s| !s.label.is_empty()).collect();
+    let widest = entries.iter().map(|s| text_width(&s.label, TEXT)).max().unwrap_or(0);
+    let legend = [
+        LEGEND_MARK + widest + LEGEND_MARGIN,
+        LEGEND_ROW * entries.len() as i32 + LEGEND_MARGIN,
+    ];
+    let (width, height) = area.dim_in_pixel();
+    let pixels = OnPixels {
+        ranges: [x.clone(), y.clone()],
+        size: [
+            width as i32 - 2 * MARGIN - Y_TEXTS,
+            height as i32 - 2 * MARGIN - X_TEXTS - TITLE - 8,
+        ],
+    };
+    let place = pixels.free(chart, legend);
+    let outside = if place.is_none() && !entries.is_empty() {
+        legend[0]
+    } else {
+        0
+    };
     let mut frame = ChartBuilder::on(area)
         .caption(&chart.title, (FONT, TITLE))
-        .margin(12)
-        .x_label_area_size(46)
-        .y_label_area_size(74)
-        .build_cartesian_2d(x.clone(), y.clone())
+        .margin(MARGIN)
+        .margin_right(MARGIN + outside)
+        .x_label_area_size(X_TEXTS)
+        .y_label_area_size(Y_TEXTS)
+        .build_cartesian_2d(Axis::new(&x, ticks(&x, log_x, 7)), Axis::new(&y, ticks(&y, log_y, 8)))
         .map_err(why)?;
     frame
         .configure_mesh()
@@ -256,8 +411,6 @@ fn draw_chart(chart: &Chart, area: &Area) -> Result<(), PlotError> {
         .axis_desc_style((FONT, TEXT))
         .x_desc(&chart.axes[0])
         .y_desc(&chart.axes[1])
-        .x_labels(6)
-        .y_labels(7)
         .x_label_formatter(&|v| number(*v, log_x))
         .y_label_formatter(&|v| number(*v, log_y))
         .draw()
@@ -276,36 +429,82 @@ fn draw_chart(chart: &Chart, area: &Area) -> Result<(), PlotError> {
     }
     for (i, (at, text)) in chart.notes.iter().enumerate() {
         let at = (drawn(at[0], log_x), drawn(at[1], log_y));
-        // Towards the middle, and neighbours at different heights, so that less of the text is cut or covered.
-        let left = at.0 > 0.5 * (x.start + x.end);
-        let wide = (0.5 * f64::from(TEXT - 2) * text.len() as f64) as i32;
-        let shift = (if left { -wide - 8 } else { 9 }, [-22, 8, -7][i % 3]);
+        let shift = note_shift(i, text, at.0 > 0.5 * (x.start + x.end));
         let label = EmptyElement::at(at) + Text::new(text.clone(), shift, (FONT, TEXT - 2));
         frame.draw_series([label]).map_err(why)?;
     }
-    if chart.series.iter().any(|s| !s.label.is_empty()) {
-        frame
-            .configure_series_labels()
-            .position(match chart.legend {
-                [false, false] => SeriesLabelPosition::UpperLeft,
-                [true, false] => SeriesLabelPosition::UpperRight,
-                [false, true] => SeriesLabelPosition::LowerLeft,
-                [true, true] => SeriesLabelPosition::LowerRight,
-            })
-            .background_style(WHITE.mix(0.85))
-            .border_style(RGBColor(200, 200, 200))
-            .label_font((FONT, TEXT))
-            .draw()
-            .map_err(why)?;
+    let (plot_x, plot_y) = frame.plotting_area().get_pixel_range();
+    let (area_x, area_y) = area.get_pixel_range();
+    let plot = [plot_x.start - area_x.start, plot_y.start - area_y.start];
+    let corner = place.unwrap_or([plot_x.end - plot_x.start + LEGEND_MARGIN, 0]);
+    draw_legend(&entries, legend, [0, 1].map(|a| plot[a] + corner[a]), area)
+}
+
+/// A row a series: its mark, and what it is.
+fn draw_legend(entries: &[&Series], size: [i32; 2], [left, top]: [i32; 2], area: &Area) -> Result<(), PlotError> {
+    if entries.is_empty() {
+        return Ok(());
+    }
+    let corners = [(left, top), (left + size[0], top + size[1])];
+    area.draw(&Rectangle::new(corners, WHITE.filled())).map_err(why)?;
+    area.draw(&Rectangle::new(corners, RGBColor(200, 200, 200)))
+        .map_err(why)?;
+    for (row, series) in entries.iter().enumerate() {
+        let style = COLOURS[series.colour % COLOURS.len()].stroke_width(2);
+        let y = top + LEGEND_MARGIN / 2 + LEGEND_ROW * row as i32 + LEGEND_ROW / 2;
+        let x = left + 7;
+        let dash = |from: i32, to: i32| area.draw(&PathElement::new(vec![(x + from, y), (x + to, y)], style));
+        match series.mark {
+            Mark::Line => dash(0, 20),
+            Mark::Dashes => dash(0, 7).and_then(|()| dash(13, 20)),
+            Mark::Dots => area.draw(&Circle::new((x + 10, y), 5, style.filled())),
+            Mark::Rings => area.draw(&Circle::new((x + 10, y), 7, style)),
+        }
+        .map_err(why)?;
+        let text = Text::new(
+            series.label.clone(),
+            (left + LEGEND_MARK, y - TEXT / 2 - 1),
+            (FONT, TEXT),
+        );
+        area.draw(&text).map_err(why)?;
     }
     Ok(())
 }
 
-type Frame<'a, 'b> = ChartContext<
-    'a,
-    BitMapBackend<'b>,
-    Cartesian2d<plotters::coord::types::RangedCoordf64, plotters::coord::types::RangedCoordf64>,
->;
+/// An axis with numbers where we want them.
+struct Axis {
+    along: RangedCoordf64,
+    ticks: Vec<f64>,
+}
+
+impl Axis {
+    fn new(range: &std::ops::Range<f64>, ticks: Vec<f64>) -> Axis {
+        let along = range.clone().into();
+        Axis { along, ticks }
+    }
+}
+
+impl Ranged for Axis {
+    type FormatOption = DefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
+        self.along.map(value, limit)
+    }
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        // Lines between the numbers are none.
+        if hint.weight().allow_light_points() {
+            Vec::new()
+        } else {
+            self.ticks.clone()
+        }
+    }
+    fn range(&self) -> std::ops::Range<f64> {
+        self.along.range()
+    }
+}
+
+type Frame<'a, 'b> = ChartContext<'a, BitMapBackend<'b>, Cartesian2d<Axis, Axis>>;
 
 fn draw_series(frame: &mut Frame, series: &Series, log: [bool; 2]) -> Result<(), PlotError> {
     let colour = COLOURS[series.colour % COLOURS.len()];
@@ -316,30 +515,17 @@ fn draw_series(frame: &mut Frame, series: &Series, log: [bool; 2]) -> Result<(),
         .filter(|p| p.0.is_finite() && p.1.is_finite())
         .collect();
     let line = colour.stroke_width(2);
-    let entry = match series.mark {
-        Mark::Line => frame.draw_series(LineSeries::new(points, line)).map_err(why)?,
-        Mark::Dashes => frame
-            .draw_series(DashedLineSeries::new(points, 7, 5, line))
-            .map_err(why)?,
+    match series.mark {
+        Mark::Line => frame.draw_series(LineSeries::new(points, line)).map(|_| ()),
+        Mark::Dashes => frame.draw_series(DashedLineSeries::new(points, 7, 5, line)).map(|_| ()),
         Mark::Dots => frame
             .draw_series(points.into_iter().map(|p| Circle::new(p, 5, colour.filled())))
-            .map_err(why)?,
+            .map(|_| ()),
         Mark::Rings => frame
             .draw_series(points.into_iter().map(|p| Circle::new(p, 9, colour.stroke_width(2))))
-            .map_err(why)?,
-    };
-    if !series.label.is_empty() {
-        let mark = series.mark;
-        entry.label(series.label.clone()).legend(move |(x, y)| {
-            let shape: Vec<(i32, i32)> = match mark {
-                Mark::Line => vec![(x, y), (x + 18, y)],
-                Mark::Dashes => vec![(x, y), (x + 6, y)],
-                Mark::Dots | Mark::Rings => vec![(x + 7, y), (x + 11, y)],
-            };
-            PathElement::new(shape, colour.stroke_width(if mark == Mark::Dots { 5 } else { 2 }))
-        });
+            .map(|_| ()),
     }
-    Ok(())
+    .map_err(why)
 }
 
 /// Blue through white to red where 0 lies inside the range, else white to dark blue.
@@ -490,5 +676,41 @@ mod tests {
         ] {
             assert_eq!(short(value), text);
         }
+    }
+
+    #[test]
+    fn axes_have_round_numbers() {
+        let values = |low: f64, high: f64| -> Vec<String> {
+            let range = low.log10()..high.log10();
+            ticks(&range, true, 7).iter().map(|v| number(*v, true)).collect()
+        };
+        assert_eq!(values(0.9, 60.0), ["1", "2", "5", "10", "20", "50"]);
+        assert_eq!(values(0.0009, 1.2), ["0.001", "0.01", "0.1", "1"]);
+        assert_eq!(values(61.0, 99.0), ["70", "80", "90"]);
+        assert_eq!(values(1e-9, 10.0).len(), 5, "every other power");
+        let text: Vec<String> = ticks(&(-3.0..103.0), false, 7).iter().map(|v| short(*v)).collect();
+        assert_eq!(text, ["0", "20", "40", "60", "80", "100"]);
+    }
+
+    #[test]
+    fn a_legend_stands_where_nothing_is_drawn_or_outside() {
+        let mut chart = Chart {
+            series: vec![Series::line("line", 0, vec![[0.0, 0.0], [1.0, 1.0]])],
+            ..Chart::default()
+        };
+        let pixels = OnPixels {
+            ranges: [0.0..1.0, 0.0..1.0],
+            size: [400, 300],
+        };
+        assert_eq!(pixels.free(&chart, [80, 28]), Some([8, 8]));
+        chart.legend = [true, false];
+        assert_eq!(
+            pixels.free(&chart, [80, 28]),
+            Some([8, 8]),
+            "the line ends in the wanted corner"
+        );
+        chart.series.push(Series::line("", 0, vec![[0.0, 1.0], [1.0, 0.0]]));
+        assert_eq!(pixels.free(&chart, [80, 28]), Some([160, 8]), "between the corners");
+        assert_eq!(pixels.free(&chart, [380, 280]), None);
     }
 }
