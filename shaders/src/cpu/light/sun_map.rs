@@ -260,3 +260,235 @@ fn march_row(
     }
     sums
 }
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::super::sun_optical_depth::tests::{fine_depth, ragged, shape_of};
+    use super::*;
+
+    const KINDS: [MapKind; 3] = [MapKind::Exponential, MapKind::Beer, MapKind::Fourier];
+    /// 53 degrees high.
+    const SUN: [f32; 3] = [0.36, -0.48, 0.8];
+    const SIDE: u32 = 16;
+    /// A level's depth of [`layers`], m.
+    const LEVEL_M: f64 = 10.0;
+
+    fn map_of(shape: &Shape, kind: MapKind, sun: [f32; 3]) -> SunMap {
+        SunMap::new(shape, &DetailNoise::new(), None, kind, SIDE, sun)
+    }
+
+    fn depth_at(map: &SunMap, place: [f64; 3]) -> f64 {
+        let [x, y, z] = place.map(|v| Lanes::splat(v as f32));
+        f64::from(map.optical_depth(x, y, z).0[3])
+    }
+
+    /// A place on the ray through a texel's centre, so far down from the top.
+    fn on_ray(map: &SunMap, texel: [usize; 2], from_top: f64) -> [f64; 3] {
+        let back = f64::from(map.length_m) - from_top;
+        let start = |a: usize| (texel[a] as f64 + 0.5) / (f64::from(map.per_period[a]) * map.side as f64);
+        let sun = map.sun.map(f64::from);
+        [
+            start(0) + back * sun[0],
+            start(1) + back * sun[1],
+            f64::from(map.bottom_m) + back * sun[2],
+        ]
+    }
+
+    /// Homogeneous layers: first level, one past the last, extinction in 1/m.
+    fn layers(of: &[(usize, usize, f32)]) -> Shape {
+        shape_of([4, 4, 120], [100.0, 100.0, LEVEL_M as f32], |[_, _, k]| {
+            let here = of.iter().find(|(first, end, _)| (*first..*end).contains(&k));
+            here.map_or(0.0, |layer| layer.2)
+        })
+    }
+
+    /// What an edge may cost: the spline makes a ramp of two levels of it, and a step lies across it; a line through the middle of both is off by
+    /// half of that.
+    fn edge(extinction: f64) -> f64 {
+        0.5 * extinction * (2.0 * LEVEL_M / f64::from(SUN[2]) + f64::from(MAP_STEP_M))
+    }
+
+    /// How far a series of three terms swings about a function of so much variation (1/m, up and down) on a ray of so many metres, integrated: what
+    /// is left out is the sum over k > 3 of two terms of at most variation / (2 pi^2 k^2), of each end of the integral.
+    fn ringing(variation: f64, length: f64) -> f64 {
+        let left: f64 = (4..100_000).map(|k| 0.5 / (PI * f64::from(k)).powi(2)).sum();
+        2.0 * left * variation * length
+    }
+
+    /// Within one homogeneous cloud the exponential and the Beer map are exact but for its edges, the Fourier map but for its ringing.
+    #[test]
+    fn one_cloud_is_as_deep_as_a_fine_march_finds() {
+        let extinction = 0.005;
+        let shape = layers(&[(30, 90, extinction as f32)]);
+        for kind in KINDS {
+            let map = map_of(&shape, kind, SUN);
+            let length = f64::from(map.length_m);
+            for n in 0..=50 {
+                let from_top = length * f64::from(n) / 50.0;
+                let place = on_ray(&map, [3, 9], from_top);
+                let (ours, truth) = (depth_at(&map, place), fine_depth(&shape, map.sun, place));
+                let allowed = match kind {
+                    MapKind::Fourier => ringing(2.0 * extinction, length) + edge(extinction),
+                    MapKind::Exponential | MapKind::Beer => edge(extinction),
+                };
+                assert!(
+                    (ours - truth).abs() < allowed,
+                    "{kind:?}, {from_top} m: {ours} {truth} {allowed}"
+                );
+            }
+        }
+    }
+
+    /// Two clouds, the upper twice as thick as the lower: what each map makes of the gap is known, and no more than that.
+    #[test]
+    fn two_clouds_show_what_each_map_leaves_out() {
+        let (upper, lower) = (0.008, 0.004);
+        let shape = layers(&[(20, 50, lower as f32), (80, 110, upper as f32)]);
+        let [exponential, beer, fourier] = KINDS.map(|kind| map_of(&shape, kind, SUN));
+        let length = f64::from(beer.length_m);
+        // Along the ray: a clear level, a cloud, as much clear air, a cloud, a clear level.
+        let begins = LEVEL_M / f64::from(SUN[2]);
+        let cloud = 30.0 * begins;
+        let whole = (upper + lower) * cloud;
+        // Steps that are partly clear lower the mean, by an edge on either side of a cloud.
+        let mean = f64::from(exponential.mean_per_m);
+        let most = 0.5 * (upper + lower);
+        assert!(
+            mean <= 1.001 * most && mean > most / (1.0 + 4.0 * edge(1.0) / cloud),
+            "{mean}"
+        );
+        let mut gap: f64 = 0.0;
+        for n in 0..=92 {
+            let from_top = length * f64::from(n) / 92.0;
+            let place = on_ray(&beer, [12, 2], from_top);
+            let truth = fine_depth(&shape, beer.sun, place);
+            let [e, b, f] = [&exponential, &beer, &fourier].map(|map| depth_at(map, place));
+            let since = (from_top - begins).max(0.0);
+            // One extinction for all from where cloud begins, gaps and what lies under the last cloud included: right at neither depth here.
+            assert!(
+                (e - mean * since).abs() < edge(upper),
+                "exponential, {from_top} m: {e} {}",
+                mean * since
+            );
+            // A straight line from the first cloud's top to the last one's base.
+            let line = (whole * since / (3.0 * cloud)).min(whole);
+            assert!((b - line).abs() < edge(upper), "Beer, {from_top} m: {b} {line}");
+            gap = gap.max(truth - b);
+            let swing = ringing(2.0 * (upper + lower), length) + edge(upper);
+            assert!((f - truth).abs() < swing, "Fourier, {from_top} m: {f} {truth} {swing}");
+        }
+        // The line misses most where the upper cloud ends: a third of the way with two thirds of the depth.
+        assert!((gap - whole / 3.0).abs() < edge(upper), "{gap} {whole}");
+        // At the lowest level, and there alone, both hold the whole.
+        for map in [&beer, &fourier] {
+            let ours = depth_at(map, on_ray(map, [12, 2], length));
+            assert!((ours - whole).abs() < 0.01 * whole, "{ours} {whole}");
+        }
+    }
+
+    /// Of ragged clouds and a sun from the side each ray's whole depth is that of a fine march down the same ray.
+    #[test]
+    fn whole_depths_of_ragged_clouds_are_those_of_a_fine_march() {
+        let shape = ragged([12, 10, 16], [100.0, 100.0, 40.0]);
+        for kind in [MapKind::Beer, MapKind::Fourier] {
+            let map = map_of(&shape, kind, SUN);
+            let mut deepest: f64 = 0.0;
+            for n in 0..map.side * map.side {
+                let place = on_ray(&map, [n % map.side, n / map.side], f64::from(map.length_m));
+                let (ours, truth) = (depth_at(&map, place), fine_depth(&shape, map.sun, place));
+                deepest = deepest.max(truth);
+                // Midpoints 30 m apart see a field whose cells are 40 m high and whose extinction reaches 0.02 per m.
+                assert!(
+                    (ours - truth).abs() < 0.1 + 0.02 * truth,
+                    "{kind:?}, {n}: {ours} {truth}"
+                );
+            }
+            assert!(deepest > 2.0, "nothing was tested: {deepest}");
+        }
+    }
+
+    /// Each coefficient for itself: of an extinction `1 + 0.8 cos(2 pi k s)` only a_k stands out, of `1 + 0.8 sin(2 pi k s)` only b_k, s from top to bottom.
+    #[test]
+    fn fourier_coefficients_are_recovered_one_by_one() {
+        const CELLS: usize = 120;
+        // The ray also crosses a clear level above and below.
+        let share = |k: usize| 1.0 - (k as f64 + 1.5) / (CELLS + 2) as f64;
+        for shines in 1..7 {
+            let wave = |n: usize, s: f64| match n {
+                0 => 1.0,
+                1..4 => (2.0 * PI * n as f64 * s).cos(),
+                _ => (2.0 * PI * (n - 3) as f64 * s).sin(),
+            };
+            let extinction = |k: usize| 0.003 * (1.0 + 0.8 * wave(shines, share(k)));
+            // A cloud that stood on the ground would go on below it.
+            let shape = shape_of([4, 4, CELLS + 1], [100.0, 100.0, LEVEL_M as f32], |[_, _, k]| {
+                if k == 0 { 0.0 } else { extinction(k - 1) as f32 }
+            });
+            let map = map_of(&shape, MapKind::Fourier, SUN);
+            let numbers: Vec<f64> = (0..7)
+                .map(|n| f64::from(map.planes[n * map.side * map.side + 37]))
+                .collect();
+            for (n, ours) in numbers.iter().enumerate() {
+                let terms = (0..CELLS).map(|k| extinction(k) * wave(n, share(k)));
+                let wanted = 2.0 * terms.sum::<f64>() * LEVEL_M / f64::from(SUN[2]);
+                // Midpoints 30 m apart are exact to their share of the two edges.
+                assert!(
+                    (ours - wanted).abs() < 0.01 * numbers[0],
+                    "{n} of {shines}: {ours} {wanted}"
+                );
+                let stands_out = ours.abs() > 0.2 * numbers[0];
+                assert_eq!(stands_out, n == 0 || n == shines, "{shines}: {numbers:?}");
+            }
+        }
+    }
+
+    /// On texels' borders and corners and at the map's seam depths lie between those of the rays around, and are the same a period on.
+    #[test]
+    fn borders_lie_between_their_texels() {
+        let shape = ragged([8, 8, 12], [100.0, 100.0, 40.0]);
+        let texel = 800.0 / f64::from(SIDE);
+        for kind in KINDS {
+            let map = map_of(&shape, kind, [0.0, 0.0, 1.0]);
+            let mut judged = 0;
+            let height = f64::from(shape.top_m - shape.bottom_m);
+            for level in 0..6 {
+                let z = f64::from(shape.bottom_m) + height * f64::from(level) / 6.0;
+                for n in 0..17 * 17 {
+                    // The seam is among them, twice.
+                    let [i, j] = [n % 17, n / 17];
+                    let [x, y] = [f64::from(i) * texel, f64::from(j) * texel];
+                    let ours = depth_at(&map, [x, y, z]);
+                    assert!(ours.is_finite() && ours >= 0.0, "{kind:?}: {ours}");
+                    for period in [-8_000.0, -800.0, 800.0, 80_000.0] {
+                        let moved = depth_at(&map, [x + period, y - period, z]);
+                        // A place is known to some thousandths of a metre there.
+                        assert!(
+                            (moved - ours).abs() < 1e-3 * (1.0 + ours),
+                            "{kind:?}, {period}: {moved} {ours}"
+                        );
+                    }
+                    let around = [[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5], [0.5, 0.5]];
+                    let centre = |a: [f64; 2], z: f64| depth_at(&map, [x + a[0] * texel, y + a[1] * texel, z]);
+                    let depths = around.map(|a| centre(a, z));
+                    // The Fourier map's series are mixed before they are bounded: where a ray's is, the mixture may lie beyond it.
+                    let bottom = f64::from(shape.bottom_m);
+                    let inside = |n: usize| depths[n] > 1e-3 && depths[n] < centre(around[n], bottom) - 1e-3;
+                    if kind == MapKind::Fourier && level > 0 && !(0..4).all(inside) {
+                        continue;
+                    }
+                    judged += usize::from(ours > 1e-3);
+                    let least = depths.iter().copied().fold(f64::INFINITY, f64::min);
+                    let most = depths.iter().copied().fold(0.0, f64::max);
+                    let rounding = 1e-4 * (1.0 + most);
+                    assert!(
+                        (least - rounding..=most + rounding).contains(&ours),
+                        "{kind:?}, {i} {j}: {ours} {depths:?}"
+                    );
+                }
+            }
+            assert!(judged > 100, "{kind:?}: {judged}");
+        }
+    }
+}

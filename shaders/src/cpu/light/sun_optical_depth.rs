@@ -201,3 +201,101 @@ pub(crate) fn optical_depth(
     }
     depth
 }
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::{CloudVolume, Grid};
+
+    /// The shape of a cloud whose cells have these extinctions, 1/m.
+    pub(crate) fn shape_of(cells: [usize; 3], cell_size_m: [f32; 3], extinction: impl Fn([usize; 3]) -> f32) -> Shape {
+        let grid = Grid { cells, cell_size_m };
+        let [nx, plane] = [cells[0], grid.plane()];
+        let extinction_per_m: Vec<f32> = (0..grid.len())
+            .map(|n| extinction([n % nx, n / nx % cells[1], n / plane]))
+            .collect();
+        let full = |k: &usize| extinction_per_m[k * plane..][..plane].iter().any(|v| *v > 0.0);
+        let cloudy_levels = [
+            (0..cells[2]).find(full).unwrap(),
+            (0..cells[2]).rfind(full).unwrap() + 1,
+        ];
+        let volume = CloudVolume {
+            grid,
+            extinction_per_m,
+            cloudy_levels,
+            air_displacement_m: [0.0; 3],
+        };
+        Shape::new(&volume).unwrap()
+    }
+
+    /// Heaps of cells of uneven extinction with gaps between, up to 0.02 per m.
+    pub(crate) fn ragged(cells: [usize; 3], cell_size_m: [f32; 3]) -> Shape {
+        shape_of(cells, cell_size_m, |[i, j, k]| {
+            let hash = |n: usize| (n.wrapping_mul(2_654_435_761) >> 7) % 1000;
+            let heap = hash(7 + i / 2 + 31 * (j / 2)) < 550 && k > 1 && k + 2 < cells[2];
+            if heap {
+                2e-5 * hash(i + 17 * j + 331 * k) as f32
+            } else {
+                0.0
+            }
+        })
+    }
+
+    /// Optical depth from a place up to the top: midpoints at most a metre apart, summed in 64 bits. It looks up the very field that the
+    /// stages march through, so that what differs from theirs is how they went, not where.
+    pub(crate) fn fine_depth(shape: &Shape, along: [f32; 3], from: [f64; 3]) -> f64 {
+        let along = along.map(f64::from);
+        let way = (f64::from(shape.top_m) - from[2]) / along[2];
+        let packets = (way / LANES as f64).ceil().max(1.0) as usize;
+        let step = way / (packets * LANES) as f64;
+        let mut depth = 0.0;
+        for n in 0..packets {
+            let [x, y, z] = [0, 1, 2]
+                .map(|a| Lanes::from_fn(|l| (from[a] + ((n * LANES + l) as f64 + 0.5) * step * along[a]) as f32));
+            let (cover, amplitude) = shape.sample(x, y, z);
+            let extinction = shape.mean_extinction(cover, amplitude, false);
+            depth += extinction.0.iter().map(|v| f64::from(*v)).sum::<f64>() * step;
+        }
+        depth
+    }
+
+    /// At every point, and in the ground's map, the depth is that of a fine march. What is left is where steps cut cloud: they grow by 12 % of the way, so that an
+    /// edge of extinction e at the distance t may be missed by 0.06 t e, a tenth of a thin cloud's depth; in the mean square most of it evens out.
+    #[test]
+    fn depths_are_those_of_a_fine_march() {
+        let shape = ragged([12, 10, 16], [100.0, 100.0, 40.0]);
+        for sun in [[0.0, 0.0, 1.0], [0.48, -0.36, 0.8], [-0.9, 0.1, 0.35]] {
+            let sun = marched_direction(sun);
+            let seen = vec![1.0f32; shape.slab_per_m.len()];
+            let light = SunLight::new(&shape, &[seen.clone(), seen], false, true, sun);
+            let (mut worst, mut square, mut deepest, mut count) = (0.0f64, 0.0, 0.0f64, 0);
+            let mut judge = |ours: f64, theirs: f64| {
+                // Packed depths end at 65, marches at 60.
+                let (ours, theirs) = (ours.min(60.0), theirs.min(60.0));
+                worst = worst.max((ours - theirs).abs() / (0.2 + theirs));
+                square += (ours - theirs).powi(2) / (0.2 + theirs).powi(2);
+                deepest = deepest.max(theirs);
+                count += 1;
+            };
+            let level_len = shape.stride[0] * shape.stride[1];
+            for at in (0..shape.words.len()).step_by(7) {
+                let [i, j, k] = [at % shape.stride[0], at % level_len / shape.stride[0], at / level_len];
+                let spacing = shape.point_spacing_m.map(f64::from);
+                let place = [
+                    (i as f64 - 0.5) * spacing[0],
+                    (j as f64 - 0.5) * spacing[1],
+                    f64::from(shape.bottom_m) + (k as f64 + 0.5) * spacing[2],
+                ];
+                let ours = f64::from(light.words[at] & 0xffff) * f64::from(DEPTH_UNIT);
+                judge(ours, fine_depth(&shape, sun, place));
+                if k == 0 {
+                    let ground = [place[0], place[1], f64::from(shape.bottom_m)];
+                    judge(f64::from(light.shadow[at]), fine_depth(&shape, sun, ground));
+                }
+            }
+            let mean = (square / f64::from(count)).sqrt();
+            assert!(deepest > 3.0, "nothing was tested: {deepest}");
+            assert!(worst < 0.15 && mean < 0.02, "{sun:?}: {worst} {mean}");
+        }
+    }
+}
