@@ -368,6 +368,9 @@ fn sun_cosine(view: &ViewSettings, pixel: usize) -> f64 {
     (0..3).map(|a| d[a] * f64::from(view.sun_direction[a])).sum::<f64>() / length
 }
 
+/// What it is, cloud, camera, its azimuth and elevation, the sun's elevation and azimuth, angle of view.
+type HardCase<'a> = (&'a str, &'a CloudVolume, [f32; 3], [f32; 2], [f32; 2], f32);
+
 /// Every rung of scattering, shading and stepping, each with each, on the hard places together: on the cloud's faces and edges, in the ground, along its top and base,
 /// suns at and under the horizon, the sun behind the cloud's middle, in the whole function's peak and in one a thousand times sharper.
 ///
@@ -382,8 +385,7 @@ fn every_rung_on_every_hard_case() {
     let behind = |height_m: f64| (400.0 - height_m).atan2(1_000.0).to_degrees() as f32;
     let layer = cells_of(3.0, 100.0);
     let lump = lump();
-    // Camera, its azimuth and elevation, sun's elevation and azimuth, angle of view.
-    let cases: [(&str, &CloudVolume, [f32; 3], [f32; 2], [f32; 2], f32); 9] = [
+    let cases: [HardCase<'_>; 9] = [
         (
             "on the top",
             &layer,

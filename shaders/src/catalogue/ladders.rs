@@ -206,7 +206,7 @@ rungs! {
         keeps "energy, in that it loses what the rest scatters again";
     Octaves Scattering "octaves" Devices::Both, None,
         "octaves of thinner cloud and rounder phase functions, as strong as a level slab gives back"
-        keeps "energy in level slabs, to some parts in a hundred; too bright just inside clouds that end sideways, too dim on their sides by a low sun";
+        keeps "energy in level slabs, to some parts in a hundred; makes up to half as much again in clouds that end on all sides, too dim on their sides by a low sun";
     Diffusion Scattering "diffusion" Devices::Both, None,
         "the beam, what goes about its way, and what diffuses, together as strong as a level slab gives back"
         keeps "energy in level slabs, to some parts in a hundred, and between clouds, as far as their light is even there";

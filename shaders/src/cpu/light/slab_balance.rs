@@ -3,7 +3,7 @@
 //! Reads: [`Shape`], a [`SlabFit`]. Writes: its shares, at the points of each cloud times one number. Scheme: a slab keeps light that in a real cloud leaves sideways, and each place has a slab of its own, so that nothing binds the
 //! light of all places together: balls by the one-step fit sent out 1.23 to 1.32 of what they take, by the collector 0.84 to 1.03. Cloud that does not absorb sends out what it takes. So for each cloud three sums are made over the shape's
 //! points: what it takes from the beam, what of that leaves after the first scattering, and what leaves of the orders that the slabs tell; the last is multiplied by what makes them fit. A direction's light is followed to where it leaves its cloud first.
-//! Directions: [`RINGS`] rings around the beam, evenly in the cumulated mean of even light and of the phase function, of [`AROUND`] each. A cloud is what hangs together of the cells that
+//! Directions: [`directions_around`] the beam, [`AROUND`] in each ring. A cloud is what hangs together of the cells that
 //! have cloud in them or beside them (six neighbours, periodic in x and y).
 //!
 //! Keeps: each cloud's energy, to the sums' steps; how light lies within a cloud stays the slabs'. A level slab has kept it before (its tables are scaled so), and stays as it is. Errors: a factor is bounded to [`FACTORS`].
@@ -19,8 +19,7 @@ use super::slab_tables::GROUPS;
 use crate::cpu::view::lanes::{Indices, LANES, Lanes};
 use crate::cpu::view::shape::{Shape, trilinear};
 
-/// Rings of directions, and directions of each.
-const RINGS: usize = 8;
+/// Directions of a ring.
 const AROUND: usize = 6;
 /// No factor is below or above.
 pub(super) const FACTORS: [f64; 2] = [0.0, 2.0];
@@ -96,7 +95,7 @@ impl SlabFit {
     /// Multiplies each cloud's light by what makes it send out what it takes. `carved` as in [`super::sun_optical_depth::SunLight::new`].
     pub(super) fn balance(&mut self, shape: &Shape, carved: bool) {
         let clouds = Clouds::new(shape);
-        let directions = directions_around(&self.frame, self.sources.asymmetry, [RINGS, AROUND]);
+        let directions = directions_around(&self.frame, self.sources.asymmetry, AROUND);
         let input = Input {
             shape,
             fit: self,
