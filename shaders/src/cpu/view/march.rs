@@ -8,7 +8,7 @@
 //! octaves (Wrenninge et al. 2013: each with half the extinction, a share of the light, a rounder phase), and the diffuse
 //! light of sky and ground. In place of the stored depth there may be a march from each sample or a map of the sun's rays, in place of the octaves
 //! multiple forward scattering, diffused light or that of fitted slabs: [`crate::view::Lighting`]. Octaves and diffused light are as strong as a level slab
-//! that lets as much diffuse light pass can give back ([`crate::cpu::light::octave_shares`]); none gives more than comes in (`welkin ladder light` prints what leaves slabs). A ray ends below 1 % transmittance. The air between is put in once, at the mean distance of the light; the clouds' shadows in it
+//! that lets as much diffuse light pass can give back ([`crate::cpu::light::octave_shares`]); level slabs give back no more than comes in (`welkin ladder light` prints what leaves slabs, and balls). A ray ends below 1 % transmittance. The air between is put in once, at the mean distance of the light; the clouds' shadows in it
 //! are stage `light_shafts`.
 //!
 //! Floor of the cost: a sample gathers 8 words of shape, 4 to 8 of noise, 8 of light, and with two finer steps 24 more: about 45
