@@ -22,7 +22,7 @@ use crate::cpu::view::shape::{Shape, trilinear};
 /// Directions of a ring.
 const AROUND: usize = 6;
 /// No factor is below or above.
-pub(super) const FACTORS: [f64; 2] = [0.0, 2.0];
+const FACTORS: [f64; 2] = [0.0, 2.0];
 /// Where in its box each point is looked at: evenly spread (Kronecker's sequence by powers of the root of x^4 = x + 1), for light falls so steeply that the boxes' middles would miss up to a twentieth of it.
 const SPREAD: [f32; 3] = [0.819_172_5, 0.671_043_6, 0.549_700_5];
 /// Steps of a way out: a share of the smallest edge of a cell, and their growth with the way.
@@ -272,4 +272,38 @@ fn way_out(input: &Input<'_>, p: &[Lanes; 3], along: [f32; 3], own: Indices, wan
         t += step;
     }
     depth
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{CloudVolume, Grid};
+
+    /// Clouds on both sides of the seam are one, and clouds with three clear cells between them are two: each has the cells beside it.
+    #[test]
+    fn clouds_are_told_apart() {
+        let grid = Grid {
+            cells: [16, 8, 8],
+            cell_size_m: [100.0; 3],
+        };
+        let mut extinction_per_m = vec![0.0; grid.len()];
+        for i in [0, 15, 6] {
+            extinction_per_m[grid.index(i, 4, 3)] = 0.05;
+        }
+        let shape = Shape::new(&CloudVolume {
+            grid,
+            extinction_per_m,
+            cloudy_levels: [3, 4],
+            air_displacement_m: [0.0; 3],
+        })
+        .unwrap();
+        let clouds = Clouds::new(&shape);
+        assert_eq!(clouds.count, 2);
+        let [nx, ny, _] = shape.slab_cells();
+        let of = |i: usize, j: usize| clouds.of_cell[(ny + j) * nx + i];
+        assert!(of(0, 4) > 0 && of(0, 4) == of(15, 4) && of(0, 4) == of(14, 5));
+        assert!(of(6, 4) > 0 && of(6, 4) != of(0, 4) && of(5, 3) == of(6, 4));
+        assert!(of(3, 4) == 0 && of(6, 6) == 0);
+        assert!(clouds.of_cell.iter().all(|cloud| *cloud as usize <= clouds.count));
+    }
 }
