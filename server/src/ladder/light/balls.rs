@@ -73,7 +73,7 @@ pub(super) fn all(ways: &[(Scattering, u32)]) -> Vec<BallRow> {
         let sun_light = SunLight::new(&shape, &seen, false, false, SUN);
         let [across, up] = [shape.stride[0], shape.stride[1]];
         let shadow = |n: usize| {
-            let inner = n % across > 0 && n % across + 1 < across && n / across > 0 && n / across + 1 < up;
+            let inner = (1..across - 1).contains(&(n % across)) && (1..up - 1).contains(&(n / across));
             if inner {
                 1.0 - f64::from(-sun_light.shadow[n]).exp()
             } else {
