@@ -139,22 +139,22 @@ pub fn ball(centre_height_m: f32, radius_m: f32, extinction_per_m: f32) -> Cloud
         cells: [64, 64, 60],
         cell_size_m: [100.0, 100.0, 50.0],
     };
-    let mut cells = vec![0.0f32; grid.len()];
-    for k in 0..60 {
-        for j in 0..64 {
-            for i in 0..64 {
-                let d = [
-                    (i as f32 + 0.5) * 100.0 - 3200.0,
-                    (j as f32 + 0.5) * 100.0 - 3200.0,
-                    (k as f32 + 0.5) * 50.0 - centre_height_m,
-                ];
-                if (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt() < radius_m {
-                    cells[grid.index(i, j, k)] = extinction_per_m;
-                }
-            }
+    ball_in(grid, [3200.0, 3200.0, centre_height_m], radius_m, extinction_per_m)
+}
+
+/// One round cloud: its centre and radius in m, extinction in 1/m.
+pub fn ball_in(grid: Grid, centre_m: [f32; 3], radius_m: f32, extinction_per_m: f32) -> CloudVolume {
+    let [nx, ny, _] = grid.cells;
+    let cells = (0..grid.len()).map(|n| {
+        let place = [n % nx, n / nx % ny, n / grid.plane()];
+        let d = [0, 1, 2].map(|a| (place[a] as f32 + 0.5) * grid.cell_size_m[a] - centre_m[a]);
+        if (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt() < radius_m {
+            extinction_per_m
+        } else {
+            0.0
         }
-    }
-    volume(grid, cells)
+    });
+    volume(grid, cells.collect())
 }
 
 /// The sun at an elevation and azimuth in degrees.

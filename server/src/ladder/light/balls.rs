@@ -14,7 +14,7 @@ use welkin_shaders::cpu::view::march::{PACKET_ROWS, radiance_rows};
 use welkin_shaders::cpu::view::shape::Shape;
 
 use super::slabs::{Camera, Night, Way};
-use crate::clouds::volume;
+use crate::clouds::ball_in;
 
 /// Optical depths through the middle.
 const DEPTHS: [f64; 5] = [0.01, 0.8, 4.0, 16.0, 80.0];
@@ -47,29 +47,17 @@ pub struct BallRow {
 pub(super) fn all(ways: &[(Scattering, u32)]) -> Vec<BallRow> {
     let night = Night::new();
     let sources = SlabSources::kept(ASYMMETRY as f32);
-    let middle_m = [
-        CELLS[0] as f32 * 0.5 * CELL_M,
-        CELLS[1] as f32 * 0.5 * CELL_M,
-        CELLS[2] as f32 * 0.5 * CELL_M,
-    ];
+    let grid = Grid {
+        cells: CELLS,
+        cell_size_m: [CELL_M; 3],
+    };
+    let middle_m = CELLS.map(|n| n as f32 * 0.5 * CELL_M);
     let directions = directions_around(&AROUND_SUN, ASYMMETRY as f32, AROUND);
     let mut rows = Vec::new();
     for depth in DEPTHS {
-        let grid = Grid {
-            cells: CELLS,
-            cell_size_m: [CELL_M; 3],
-        };
-        let per_m = depth as f32 / (2.0 * RADIUS_M);
-        let cells = (0..grid.len()).map(|n| {
-            let place = [n % CELLS[0], n / CELLS[0] % CELLS[1], n / grid.plane()];
-            let away: f32 = (0..3)
-                .map(|a| ((place[a] as f32 + 0.5) * CELL_M - middle_m[a]).powi(2))
-                .sum();
-            if away.sqrt() < RADIUS_M { per_m } else { 0.0 }
-        });
-        let ball = volume(grid, cells.collect());
+        let ball = ball_in(grid, middle_m, RADIUS_M, depth as f32 / (2.0 * RADIUS_M));
         let Some(shape) = Shape::new(&ball) else { continue };
-        let seen = sky_visibility(&shape.slab_per_m, [CELLS[0], CELLS[1]], ball.grid.cell_size_m);
+        let seen = sky_visibility(&shape.slab_per_m, [CELLS[0], CELLS[1]], grid.cell_size_m);
         let sun_light = SunLight::new(&shape, &seen, false, false, SUN);
         let [across, up] = [shape.stride[0], shape.stride[1]];
         let shadow = |n: usize| {

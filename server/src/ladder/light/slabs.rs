@@ -106,14 +106,7 @@ impl Night {
                 10.0,
             ),
             noise: DetailNoise::new(),
-            light: SkyLight {
-                sun_at_base: [1.0; 3],
-                sun_at_top: [1.0; 3],
-                sun_at_ground: [0.0; 3],
-                sky_radiance: [0.0; 3],
-                sky_irradiance: [0.0; 3],
-                ground_radiance: [0.0; 3],
-            },
+            light: SkyLight::BEAM_ON_CLOUDS,
         }
     }
     /// Sixteen pixels of almost one direction, from outside the slab into it: down, or up from below, at a slope of `cosine` to the vertical.

@@ -40,6 +40,15 @@ pub struct SkyLight {
 }
 
 impl SkyLight {
+    /// A beam of irradiance 1 on clouds alone: no air, no sky, and dark ground.
+    pub const BEAM_ON_CLOUDS: SkyLight = SkyLight {
+        sun_at_base: [1.0; 3],
+        sun_at_top: [1.0; 3],
+        sun_at_ground: [0.0; 3],
+        sky_radiance: [0.0; 3],
+        sky_irradiance: [0.0; 3],
+        ground_radiance: [0.0; 3],
+    };
     /// Computes the sums; `ground_albedo` is the share of light that the ground gives back.
     pub fn new(
         air: &Atmosphere,

@@ -465,14 +465,7 @@ mod tests {
                     at_clouds: sky(),
                 },
                 noise: DetailNoise::new(),
-                light: SkyLight {
-                    sun_at_base: [1.0; 3],
-                    sun_at_top: [1.0; 3],
-                    sun_at_ground: [0.0; 3],
-                    sky_radiance: [0.0; 3],
-                    sky_irradiance: [0.0; 3],
-                    ground_radiance: [0.0; 3],
-                },
+                light: SkyLight::BEAM_ON_CLOUDS,
                 phase: MarchPhase::new(PhaseChoice::Rayleigh, Scattering::Octaves, 0),
                 lit: SunLight {
                     words: Vec::new(),
