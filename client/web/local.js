@@ -9,7 +9,7 @@ import { Playout } from "./playout.js";
 import { Raymarcher } from "./raymarch.js";
 import { earlier, sunDirection } from "./scenery.js";
 import { unixMs } from "./latency.js";
-import { request } from "./stream.js";
+import { ask, request } from "./stream.js";
 import { VolumeStream, channelValues } from "./volume.js";
 
 /** What a picture may take while things move, ms: more, and it is drawn with fewer pixels. */
@@ -238,6 +238,7 @@ export class LocalSky {
   async start(world) {
     this.running = true;
     if (this.world !== world) {
+      this.volumes.close();
       this.world = world;
       this.scenery = null;
       this.failed = null;
@@ -301,10 +302,7 @@ export class LocalSky {
   async learnStars(world, { stars }) {
     const wanted = stars ? `${stars.faintest_magnitude} ${stars.years_since_2000}` : null;
     if (wanted !== null && wanted !== this.starsAre) {
-      const answer = await fetch(`/v1/worlds/${encodeURIComponent(world)}/stars.bin`);
-      if (!answer.ok) {
-        throw new Error(`the stars cannot be had: ${answer.status}`);
-      }
+      const answer = await ask("GET", `/v1/worlds/${encodeURIComponent(world)}/stars.bin`);
       this.raymarcher.setStars(await answer.arrayBuffer());
       this.starsAre = wanted;
     }

@@ -7,7 +7,7 @@
 
 import { duration, element } from "./panel.js";
 import { Past } from "./past.js";
-import { REQUEST_LIMIT_MS, ServerError, request } from "./stream.js";
+import { ServerError, ask, request } from "./stream.js";
 import { fetchField } from "./volume.js";
 
 /** The server is asked what it has kept this often, and before a look when the list is older than that. */
@@ -187,9 +187,5 @@ async function fetchPicture(world, tick, camera, [width, height]) {
   const [x_m, y_m, z_m] = position_m;
   const wanted = { tick, width, height, x_m, y_m, z_m, azimuth_deg, elevation_deg, vertical_fov_deg, exposure_ev: exposure_ev ?? 0 };
   const query = new URLSearchParams(Object.entries(wanted).map(([name, value]) => [name, String(value)]));
-  const answer = await fetch(`/v1/worlds/${encodeURIComponent(world)}/frame?${query}`, { signal: AbortSignal.timeout(REQUEST_LIMIT_MS) });
-  if (!answer.ok) {
-    throw new ServerError(answer.status, await answer.json());
-  }
-  return answer.blob();
+  return (await ask("GET", `/v1/worlds/${encodeURIComponent(world)}/frame?${query}`)).blob();
 }

@@ -106,6 +106,7 @@ function onHello(message) {
   askForFrames();
   void clock.measure();
   void worlds.fill();
+  void worlds.arrived(message.world);
 }
 
 /** @param {string} world */

@@ -15,7 +15,7 @@ export const FRAME_HEADER_VERSION = 2;
 const MIMES = ["", "image/jpeg", "image/png", "image/webp"];
 const FIRST_RETRY_S = 1;
 const LAST_RETRY_S = 20;
-export const REQUEST_LIMIT_MS = 15_000;
+const REQUEST_LIMIT_MS = 15_000;
 /** A stream that is silent for so long is checked with a request: a paused world is silent, and so is a dead cable. */
 const SILENCE_MS = 8_000;
 
@@ -29,6 +29,45 @@ export class ServerError extends Error {
   }
 }
 
+/** @type {Map<Promise<Response>, string>} requests without an answer yet, with their paths */
+const underWay = new Map();
+
+/**
+ * Waits until no request is under way whose path begins so.
+ * @param {string} path
+ */
+export async function answered(path) {
+  await Promise.allSettled([...underWay].filter(([, asked]) => asked.startsWith(path)).map(([answer]) => answer));
+}
+
+/**
+ * Asks the server; throws a ServerError where it refuses.
+ * @param {string} method
+ * @param {string} path
+ * @param {unknown} [body]
+ * @returns {Promise<Response>} what it says, with its body still to be read
+ */
+export async function ask(method, path, body) {
+  const answer = fetch(path, {
+    method,
+    headers: body === undefined ? {} : { "content-type": "application/json" },
+    body: body === undefined ? undefined : JSON.stringify(body),
+    signal: AbortSignal.timeout(REQUEST_LIMIT_MS),
+    cache: "no-store",
+  });
+  underWay.set(answer, path);
+  const response = await answer.finally(() => underWay.delete(answer));
+  if (!response.ok) {
+    const said = await response.json().catch(() => null);
+    const known = typeof said?.code === "string" && typeof said.message === "string";
+    throw new ServerError(
+      response.status,
+      known ? said : { code: "http_status", message: `the server answered ${response.status} to ${method} ${path}` },
+    );
+  }
+  return response;
+}
+
 /**
  * A request for JSON; throws a ServerError where the server refused.
  * @param {string} method
@@ -37,29 +76,8 @@ export class ServerError extends Error {
  * @returns {Promise<any>} the decoded body, or null where there is none
  */
 export async function request(method, path, body) {
-  const response = await fetch(path, {
-    method,
-    headers: body === undefined ? {} : { "content-type": "application/json" },
-    body: body === undefined ? undefined : JSON.stringify(body),
-    signal: AbortSignal.timeout(REQUEST_LIMIT_MS),
-    cache: "no-store",
-  });
-  const text = await response.text();
-  /** @type {any} */
-  let value = null;
-  try {
-    value = text === "" ? null : JSON.parse(text);
-  } catch {
-    value = null;
-  }
-  if (!response.ok) {
-    const known = value !== null && typeof value.code === "string" && typeof value.message === "string";
-    throw new ServerError(
-      response.status,
-      known ? value : { code: "http_status", message: `the server answered ${response.status} to ${method} ${path}` },
-    );
-  }
-  return value;
+  const text = await (await ask(method, path, body)).text();
+  return text === "" ? null : JSON.parse(text);
 }
 
 /** @returns {Promise<WorldSummary[]>} the worlds that run now */

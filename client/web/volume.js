@@ -5,7 +5,7 @@
 
 import { unixMs } from "./latency.js";
 import { Clock } from "./playout.js";
-import { REQUEST_LIMIT_MS, ServerError } from "./stream.js";
+import { ask } from "./stream.js";
 
 export const VOLUME_VERSION = 1;
 const HEADER_BYTES = 152;
@@ -323,11 +323,7 @@ export function channelValues(field, name) {
  * @returns {Promise<VolumeField>}
  */
 export async function fetchField(path) {
-  const answer = await fetch(path, { signal: AbortSignal.timeout(REQUEST_LIMIT_MS), cache: "no-store" });
-  if (!answer.ok) {
-    throw new ServerError(answer.status, await answer.json());
-  }
-  const field = await new VolumeReceiver().take(await answer.arrayBuffer());
+  const field = await new VolumeReceiver().take(await (await ask("GET", path)).arrayBuffer());
   if (typeof field === "string") {
     throw new Error("the server sent no keyframe");
   }

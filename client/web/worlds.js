@@ -4,13 +4,22 @@
 /** @import { SceneSummary } from "./types.js" */
 
 import { element } from "./panel.js";
-import { ServerError, listScenes, request } from "./stream.js";
+import { ServerError, answered, listScenes, request } from "./stream.js";
 
 /** The worlds that this tab made outlive a reload of it, so that they can still be cleared away. */
 const OWN_WORLD_KEY = "welkin.own-world";
 
 /** The world that this tab has made, if it has. */
 export const ownWorld = () => sessionStorage.getItem(OWN_WORLD_KEY);
+
+/** @param {string} world */
+const pathOf = (world) => `/v1/worlds/${encodeURIComponent(world)}`;
+
+/**
+ * Ends a world. One that is gone already is as good; any other trouble is the server's to log.
+ * @param {string} world
+ */
+const end = (world) => request("DELETE", pathOf(world)).catch(() => null);
 
 /** See the module. */
 export class Worlds {
@@ -21,6 +30,8 @@ export class Worlds {
     this.select = element("scene", HTMLSelectElement);
     /** @type {SceneSummary[]} */
     this.scenes = [];
+    /** @type {string[]} what this tab made before, to be ended once another world is shown */
+    this.left = [];
     this.select.addEventListener("change", () => void this.chosen());
   }
 
@@ -66,21 +77,12 @@ export class Worlds {
   }
 
   /**
-   * Makes a world and goes there; then the one that this tab made before is no longer needed.
+   * Makes a world and goes there; the one that this tab made before is ended when the new one is shown.
    * @param {string} preset
    */
   async make(preset) {
-    let own = ownWorld();
+    const own = ownWorld();
     const make = () => request("POST", "/v1/worlds", { preset });
-    const drop = async () => {
-      if (own !== null) {
-        const old = own;
-        own = null;
-        sessionStorage.removeItem(OWN_WORLD_KEY);
-        // Gone already is as good; any other trouble is the server's to log.
-        await request("DELETE", `/v1/worlds/${encodeURIComponent(old)}`).catch(() => null);
-      }
-    };
     let made;
     try {
       made = await make();
@@ -89,11 +91,28 @@ export class Worlds {
         throw error;
       }
       // This tab's own world takes the last place: give that up for the new one.
-      await drop();
+      sessionStorage.removeItem(OWN_WORLD_KEY);
+      await end(own);
       made = await make();
     }
-    this.go(made.id);
-    await drop();
+    const before = ownWorld();
+    if (before !== null) {
+      this.left.push(before);
+    }
     sessionStorage.setItem(OWN_WORLD_KEY, made.id);
+    this.go(made.id);
+  }
+
+  /**
+   * Ends the worlds that were left, now that another is shown: each when nothing that was asked of it is without an answer.
+   * @param {string} world that is shown
+   */
+  async arrived(world) {
+    const leaving = this.left.filter((left) => left !== world);
+    this.left = [];
+    for (const left of leaving) {
+      await answered(pathOf(left));
+      await end(left);
+    }
   }
 }

@@ -29,7 +29,7 @@ await drive(WEBGPU_ON_THE_PROCESSOR, async (browser, url, outDir) => {
   page.on("console", (message) => {
     // Chromium warns that WebGPU on the processor is slow, and of much besides: errors count.
     if (message.type() === "error") {
-      complaints.push(message.text());
+      complaints.push(`${message.text()} ${message.location().url}`);
     }
   });
   page.on("pageerror", (error) => complaints.push(String(error)));
@@ -142,9 +142,10 @@ await drive(WEBGPU_ON_THE_PROCESSOR, async (browser, url, outDir) => {
     const off = ours.rgb.map((v, n) => Math.abs(v - server.rgb[n]));
     const [nightMean, nightMost] = [off.reduce((sum, v) => sum + v, 0) / off.length, Math.max(...off)];
     const light = server.rgb.reduce((sum, v) => sum + v, 0) / server.rgb.length;
-    // By day the picture is far brighter; a pixel with a star may differ by rounding of its place.
+    // By day the picture is far brighter; a pixel with a star may differ by rounding of its place. How much of the night clouds hide differs from run to run: the brightest
+    // was 3.4 times the mean and more.
     const brightest = Math.max(...server.rgb);
-    return { ok: nightMean < 0.1 && nightMost <= 12 && light < 60 && brightest > light + 30, nightMean, nightMost, light, brightest };
+    return { ok: nightMean < 0.1 && nightMost <= 12 && light < 60 && brightest > 2 * light, nightMean, nightMost, light, brightest };
   });
   console.error(`figure: night drawn here against the server's: mean ${night.nightMean.toFixed(4)}, largest ${night.nightMost} of 255, mean level ${night.light.toFixed(1)}`);
   await command({ command: "sun", sun: { from: "clock" } });
@@ -284,9 +285,23 @@ await drive(WEBGPU_ON_THE_PROCESSOR, async (browser, url, outDir) => {
     await page.route("**/v1/worlds", (route) =>
       route.request().method() === "POST" ? route.continue({ postData: JSON.stringify({ scene: { ...scene, methods } }) }) : route.continue(),
     );
+    // A question about the world that is left is under way, and slowly: the page ends that world after the answer, which a 404 would show.
+    let sent = () => {};
+    const slow = new Promise((resolve) => (sent = resolve));
+    const slowly = async (route) => {
+      await new Promise((resolve) => setTimeout(resolve, 1_500));
+      await route.continue();
+      sent();
+    };
+    await page.route("**/scenery", slowly, { times: 1 });
+    await page.evaluate(async () => {
+      const { drawing } = await import("/web/main.js");
+      void drawing.sky.learnScenery();
+    });
     const making = page.waitForResponse((answer) => answer.request().method() === "POST" && answer.url().endsWith("/v1/worlds"));
     await page.locator("#scene").selectOption(option, { force: true });
     const { id } = await (await making).json();
+    await slow;
     await page.unroute("**/v1/worlds");
     await grown(id);
     await command({ command: "pause" }, id);
