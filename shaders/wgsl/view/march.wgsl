@@ -81,7 +81,7 @@ fn phase_once(mu: f32) -> vec3<f32> {
 
 /// The same of an octave, 0 to `OCTAVES_MAX`, with its weight.
 fn phase_of_octave(octave: u32, mu: f32) -> f32 {
-    let place = clamp(1.0 - mu, 0.0, 2.0) * (0.5 * f32(PHASE_OCTAVE_NODES - 1u));
+    let place = sqrt(clamp(0.5 * (1.0 - mu), 0.0, 1.0)) * f32(PHASE_OCTAVE_NODES - 1u);
     let n = min(u32(place), PHASE_OCTAVE_NODES - 2u);
     let i = octave * PHASE_OCTAVE_NODES + n;
     let first = 2u * PHASE_FIRST_HALF;
