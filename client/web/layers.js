@@ -5,6 +5,7 @@
 
 import { element, readable } from "./panel.js";
 import { drawSounding } from "./sounding.js";
+import { pathOf } from "./stream.js";
 import { channelValues, fetchField } from "./volume.js";
 
 const REFRESH_MS = 1_000;
@@ -36,7 +37,7 @@ const SOUNDING = ["pressure_pa", "temperature_k", "relative_humidity", "wind_x_m
  */
 export function fetchCells(world, channels, from, cells) {
   const query = new URLSearchParams({ channels: channels.join(), bits: "16", from: from.join(), cells: cells.join() });
-  return fetchField(`/v1/worlds/${encodeURIComponent(world)}/volume.bin?${query}`);
+  return fetchField(`${pathOf(world)}/volume.bin?${query}`);
 }
 
 /** Dark blue over white to red where values have both signs, black over blue to white else. @param {number} share @param {boolean} signed */

@@ -9,7 +9,7 @@ import { Playout } from "./playout.js";
 import { Raymarcher } from "./raymarch.js";
 import { earlier, sunDirection } from "./scenery.js";
 import { unixMs } from "./latency.js";
-import { ask, request } from "./stream.js";
+import { ask, pathOf, request } from "./stream.js";
 import { VolumeStream, channelValues } from "./volume.js";
 
 /** What a picture may take while things move, ms: more, and it is drawn with fewer pixels. */
@@ -270,7 +270,7 @@ export class LocalSky {
     this.lastSceneryMs = performance.now();
     try {
       /** @type {Scenery} */
-      const scenery = await request("GET", `/v1/worlds/${encodeURIComponent(world)}/scenery`);
+      const scenery = await request("GET", `${pathOf(world)}/scenery`);
       if (this.world === world && JSON.stringify(scenery) !== JSON.stringify(this.scenery)) {
         if (scenery.server_draws) {
           this.stop();
@@ -302,7 +302,7 @@ export class LocalSky {
   async learnStars(world, { stars }) {
     const wanted = stars ? `${stars.faintest_magnitude} ${stars.years_since_2000}` : null;
     if (wanted !== null && wanted !== this.starsAre) {
-      const answer = await ask("GET", `/v1/worlds/${encodeURIComponent(world)}/stars.bin`);
+      const answer = await ask("GET", `${pathOf(world)}/stars.bin`);
       this.raymarcher.setStars(await answer.arrayBuffer());
       this.starsAre = wanted;
     }

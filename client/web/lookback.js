@@ -7,7 +7,7 @@
 
 import { duration, element } from "./panel.js";
 import { Past } from "./past.js";
-import { ServerError, ask, request } from "./stream.js";
+import { ServerError, ask, pathOf, request } from "./stream.js";
 import { fetchField } from "./volume.js";
 
 /** The server is asked what it has kept this often, and before a look when the list is older than that. */
@@ -76,7 +76,7 @@ export class LookBack {
     }
     this.learnedMs = performance.now();
     try {
-      const report = await request("GET", `/v1/worlds/${encodeURIComponent(world)}/past`);
+      const report = await request("GET", `${pathOf(world)}/past`);
       if (this.world === world) {
         this.past.learn(report.moments);
         this.say();
@@ -155,7 +155,7 @@ export class LookBack {
 
   /** @param {string} world @param {number} tick */
   async fetchMoment(world, tick) {
-    const field = await fetchField(`/v1/worlds/${encodeURIComponent(world)}/past.bin?tick=${tick}`);
+    const field = await fetchField(`${pathOf(world)}/past.bin?tick=${tick}`);
     this.past.hold(tick, field);
     return field;
   }
@@ -187,5 +187,5 @@ async function fetchPicture(world, tick, camera, [width, height]) {
   const [x_m, y_m, z_m] = position_m;
   const wanted = { tick, width, height, x_m, y_m, z_m, azimuth_deg, elevation_deg, vertical_fov_deg, exposure_ev: exposure_ev ?? 0 };
   const query = new URLSearchParams(Object.entries(wanted).map(([name, value]) => [name, String(value)]));
-  return (await ask("GET", `/v1/worlds/${encodeURIComponent(world)}/frame?${query}`)).blob();
+  return (await ask("GET", `${pathOf(world)}/frame?${query}`)).blob();
 }

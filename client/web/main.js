@@ -13,7 +13,7 @@ import { Overlay } from "./overlay.js";
 import { FollowingSlider, NumberBoard, element, readable } from "./panel.js";
 import { Series } from "./series.js";
 import { showGrowth, showHealth, showNotice, showStatus } from "./status.js";
-import { FRAME_HEADER_VERSION, SkyStream, request } from "./stream.js";
+import { FRAME_HEADER_VERSION, SkyStream, pathOf, request } from "./stream.js";
 import { QUALITIES, SkyView, compassPoint } from "./view.js";
 import { Worlds, ownWorld } from "./worlds.js";
 
@@ -112,7 +112,7 @@ function onHello(message) {
 /** @param {string} world */
 async function learnScene(world) {
   try {
-    const { scene } = await request("GET", `/v1/worlds/${encodeURIComponent(world)}`);
+    const { scene } = await request("GET", pathOf(world));
     if (hello?.world === world) {
       const { latitude_deg, longitude_deg } = scene.domain;
       controls.ground = { latitude_deg, longitude_deg };

@@ -7,7 +7,7 @@
 import { CHANNELS } from "./layers.js";
 import { duration, element } from "./panel.js";
 import { axes } from "./scenery.js";
-import { request } from "./stream.js";
+import { pathOf, request } from "./stream.js";
 
 const EVERY_MS = 1_000;
 /** Answers that are kept: ten minutes. */
@@ -110,7 +110,7 @@ export class Series {
     const name = this.channel.value;
     const query = new URLSearchParams({ x_m: String(x_m), y_m: String(y_m), z_m: String(z_m), channels: name });
     try {
-      const sample = await request("GET", `/v1/worlds/${encodeURIComponent(hello.world)}/sample?${query}`);
+      const sample = await request("GET", `${pathOf(hello.world)}/sample?${query}`);
       const asked = [x_m, y_m, z_m].every((p, axis) => p === this.place_m[axis]) && name === this.channel.value;
       if (asked && this.hello?.world === hello.world) {
         this.took(sample.simulated_s, sample.values[name]);

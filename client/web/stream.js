@@ -29,6 +29,9 @@ export class ServerError extends Error {
   }
 }
 
+/** @param {string} world */
+export const pathOf = (world) => `/v1/worlds/${encodeURIComponent(world)}`;
+
 /** @type {Map<Promise<Response>, string>} requests without an answer yet, with their paths */
 const underWay = new Map();
 
@@ -69,7 +72,7 @@ export async function ask(method, path, body) {
 }
 
 /**
- * A request for JSON; throws a ServerError where the server refused.
+ * A request for JSON; throws a ServerError where the server refused, a SyntaxError where it says no JSON.
  * @param {string} method
  * @param {string} path
  * @param {unknown} [body]
@@ -234,7 +237,7 @@ export class SkyStream {
    * @param {number} generation
    */
   attach(world, generation) {
-    const url = new URL(`/v1/worlds/${encodeURIComponent(world)}/stream`, location.href);
+    const url = new URL(`${pathOf(world)}/stream`, location.href);
     url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
     const socket = new WebSocket(url);
     socket.binaryType = "arraybuffer";

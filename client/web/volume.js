@@ -5,7 +5,7 @@
 
 import { unixMs } from "./latency.js";
 import { Clock } from "./playout.js";
-import { ask } from "./stream.js";
+import { ask, pathOf } from "./stream.js";
 
 export const VOLUME_VERSION = 1;
 const HEADER_BYTES = 152;
@@ -377,7 +377,7 @@ export class VolumeStream {
     if (this.world === null) {
       return;
     }
-    const url = new URL(`/v1/worlds/${encodeURIComponent(this.world)}/volume`, location.href);
+    const url = new URL(`${pathOf(this.world)}/volume`, location.href);
     url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
     const socket = new WebSocket(url);
     socket.binaryType = "arraybuffer";

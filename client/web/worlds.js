@@ -4,16 +4,16 @@
 /** @import { SceneSummary } from "./types.js" */
 
 import { element } from "./panel.js";
-import { ServerError, answered, listScenes, request } from "./stream.js";
+import { ServerError, answered, listScenes, pathOf, request } from "./stream.js";
 
-/** The worlds that this tab made outlive a reload of it, so that they can still be cleared away. */
-const OWN_WORLD_KEY = "welkin.own-world";
+/** The worlds that this tab made outlive a reload of it, so that they can still be cleared away: their ids, oldest first, a space between. */
+const OWN_WORLDS_KEY = "welkin.own-world";
+const ownWorlds = () => (sessionStorage.getItem(OWN_WORLDS_KEY) ?? "").split(" ").filter((id) => id !== "");
+/** @param {string[]} ids */
+const keep = (ids) => sessionStorage.setItem(OWN_WORLDS_KEY, ids.join(" "));
 
-/** The world that this tab has made, if it has. */
-export const ownWorld = () => sessionStorage.getItem(OWN_WORLD_KEY);
-
-/** @param {string} world */
-const pathOf = (world) => `/v1/worlds/${encodeURIComponent(world)}`;
+/** The world that this tab has made last, if it has. */
+export const ownWorld = () => ownWorlds().at(-1) ?? null;
 
 /**
  * Ends a world. One that is gone already is as good; any other trouble is the server's to log.
@@ -30,8 +30,6 @@ export class Worlds {
     this.select = element("scene", HTMLSelectElement);
     /** @type {SceneSummary[]} */
     this.scenes = [];
-    /** @type {string[]} what this tab made before, to be ended once another world is shown */
-    this.left = [];
     this.select.addEventListener("change", () => void this.chosen());
   }
 
@@ -81,35 +79,31 @@ export class Worlds {
    * @param {string} preset
    */
   async make(preset) {
-    const own = ownWorld();
     const make = () => request("POST", "/v1/worlds", { preset });
     let made;
     try {
       made = await make();
     } catch (error) {
+      const own = ownWorld();
       if (!(error instanceof ServerError) || error.code !== "too_many_worlds" || own === null) {
         throw error;
       }
       // This tab's own world takes the last place: give that up for the new one.
-      sessionStorage.removeItem(OWN_WORLD_KEY);
+      keep(ownWorlds().slice(0, -1));
       await end(own);
       made = await make();
     }
-    const before = ownWorld();
-    if (before !== null) {
-      this.left.push(before);
-    }
-    sessionStorage.setItem(OWN_WORLD_KEY, made.id);
+    keep([...ownWorlds(), made.id]);
     this.go(made.id);
   }
 
   /**
-   * Ends the worlds that were left, now that another is shown: each when nothing that was asked of it is without an answer.
+   * Ends the worlds that this tab made before its last and that are not shown: each when nothing that was asked of it is without an answer.
    * @param {string} world that is shown
    */
   async arrived(world) {
-    const leaving = this.left.filter((left) => left !== world);
-    this.left = [];
+    const leaving = ownWorlds().slice(0, -1).filter((own) => own !== world);
+    keep(ownWorlds().filter((own) => !leaving.includes(own)));
     for (const left of leaving) {
       await answered(pathOf(left));
       await end(left);
