@@ -6,6 +6,7 @@
 /** @import { Kernels } from "./kernels.js" */
 
 import { DIFFUSION_MODULE, Diffusion, fluenceNumbers } from "./diffusion.js";
+import { BALANCE_MODULE, balanceNumbers, isBalanced, makeBalance } from "./octave_balance.js";
 import { beamDirection, cameraPlace, cloudySlab, horizonSine, marchedSun, moonLook, tableSun, viewFrame } from "./scenery.js";
 import { SUN_MAP_MODULE, drawSunMap, mapNumbers, sunMapping } from "./sun_map.js";
 
@@ -69,6 +70,7 @@ export class Raymarcher {
     const { similarity, map_side } = scenery.uniforms.ViewFrame;
     await Promise.all([
       Number(similarity) > 0 ? this.kernels.prepare(DIFFUSION_MODULE) : null,
+      isBalanced(scenery) ? this.kernels.prepare(BALANCE_MODULE) : null,
       Number(map_side) > 0 ? this.kernels.prepare(SUN_MAP_MODULE) : null,
     ]);
   }
@@ -194,6 +196,7 @@ export class Raymarcher {
     const numbers = scenery.uniforms.MarchPhase;
     if (this.phase === null || this.phase.numbers !== numbers) {
       this.phase?.buffer.destroy();
+      this.made.delete("octave balance");
       this.phase = { numbers, buffer: this.kernels.uniform("MarchPhase", numbers) };
     }
     return this.phase.buffer;
@@ -407,7 +410,7 @@ export class Raymarcher {
   }
 
   /**
-   * Optical depths towards the sun. Behind the shadow map and its share lies what else the march looks up of light: the diffuse light's fluence, then a map of the sun's rays.
+   * Optical depths towards the sun. Behind the shadow map and its share lies what else the march looks up of light: the diffuse light's fluence or the octaves' balance, then a map of the sun's rays.
    * @param {GPUComputePassEncoder} pass
    * @param {Scenery} scenery
    * @param {number[]} sun
@@ -421,7 +424,9 @@ export class Raymarcher {
     const grid = /** @type {Record<string, number>} */ (shape.grid);
     const similarity = Number(scenery.uniforms.ViewFrame.similarity);
     const shadowNumbers = grid.stride_x * grid.stride_y + 1;
-    const map_at = shadowNumbers + (similarity > 0 ? fluenceNumbers(grid) : 0);
+    const balanced = isBalanced(scenery);
+    const scattered = similarity > 0 ? fluenceNumbers(grid) : balanced ? balanceNumbers(grid) : 0;
+    const map_at = shadowNumbers + scattered;
     const map = sunMapping(scenery, grid, this.cloud, sun, map_at, kernels);
     const numbers = map_at + (map === null ? 0 : mapNumbers(map, kernels));
     const words = this.storage("light", grid.stride_x * grid.stride_y * grid.points_z * 4);
@@ -429,6 +434,7 @@ export class Raymarcher {
     const march = { ...scenery.uniforms.SunMarch, direction: marchedSun(sun, kernels) };
     if (this.isNew("sun light", march, numbers)) {
       this.made.delete("diffusion");
+      this.made.delete("octave balance");
       this.made.delete("sun map");
       const buffers = {
         shape: shape.uniform,
@@ -451,6 +457,11 @@ export class Raymarcher {
       const bytes = this.diffusion.bytes(grid);
       const planes = { conductance: this.storage("conductance", bytes), numbers: this.storage("diffuse light", bytes) };
       this.diffusion.run(pass, grid, light, { ...cloud, ...planes, light_words: words });
+    }
+    if (balanced && this.isNew("octave balance", scenery.uniforms.OctaveBalancing)) {
+      const columns = this.storage("columns", grid.cells_x * grid.cells_y * 12);
+      const balance = { ...scenery.uniforms.OctaveBalancing, beam: march.direction };
+      makeBalance(pass, kernels, grid, balance, { ...cloud, columns, phase: this.phaseFunction(scenery), light_words: words });
     }
     if (map !== null && this.isNew("sun map", map)) {
       drawSunMap(pass, kernels, map, { ...cloud, detail_words: detail });

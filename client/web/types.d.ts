@@ -118,7 +118,7 @@ export interface ShaderStruct {
 
 /** What a world tells the kernels, as `GET /v1/worlds/{id}/scenery` gives it. */
 export interface Scenery {
-  uniforms: Record<"Air" | "SkyView" | "SkyLightAsk" | "SunMarch" | "ViewFrame" | "MarchPhase", Record<string, number | number[]>>;
+  uniforms: Record<"Air" | "SkyView" | "SkyLightAsk" | "SunMarch" | "ViewFrame" | "MarchPhase" | "OctaveBalancing", Record<string, number | number[]>>;
   /** Why these kernels cannot draw this world; absent where they can. */
   server_draws?: string | null;
   /** Absent where no stars are drawn; the words are at `/v1/worlds/{id}/stars.bin`. */

@@ -13,6 +13,7 @@ use welkin_shaders::cpu::light::march_phase::MarchPhase;
 use welkin_shaders::cpu::light::stars::StarTable;
 use welkin_shaders::gpu::Bind;
 use welkin_shaders::gpu::view_kernels::{LIGHT_KERNELS, VIEW_KERNELS, VIEW_STRUCTS, reflect, view_constants};
+use welkin_shaders::gpu::view_octave_balance::OctaveBalancing;
 use welkin_shaders::gpu::view_stages::{Air, MARCH_PHASE, SkyLightAsk, SkyView, SunMarch, ViewFrame};
 use welkin_shaders::view::{Look, PhaseKey};
 use welkin_shaders::wgsl::{self, Layout, Literal};
@@ -51,6 +52,7 @@ const SCENERY: &[(&str, &[&str])] = &[
         ],
     ),
     ("MarchPhase", &["quads"]),
+    ("OctaveBalancing", &["rings", "carved", "octaves"]),
 ];
 
 /// The kernels of the view, generated from what the GPU device runs. Errors: `internal` where a module's text is not what it should be.
@@ -157,11 +159,13 @@ pub fn scenery(snapshot: &Snapshot) -> Result<Scenery, ApiError> {
     let view = SkyView::new(&sun, look.position_m[2]);
     let ask = SkyLightAsk::new(&sun, look.ground, [0.0; 2]);
     let march = SunMarch::new(&look);
+    let balance = OctaveBalancing::new(look.table_beam, look.detail.is_some(), phase.asymmetry, look.octaves);
     let of = |name: &str| match name {
         "Air" => (&Air::LAYOUT, air.bytes()),
         "SkyView" => (&SkyView::LAYOUT, view.bytes()),
         "SkyLightAsk" => (&SkyLightAsk::LAYOUT, ask.bytes()),
         "SunMarch" => (&SunMarch::LAYOUT, march.bytes()),
+        "OctaveBalancing" => (&OctaveBalancing::LAYOUT, balance.bytes()),
         "MarchPhase" => (&MARCH_PHASE, phase.bytes()),
         _ => (&ViewFrame::LAYOUT, frame.bytes()),
     };

@@ -284,6 +284,8 @@ pub type SunMapKey = (u64, Option<FrameDetail>, MapKind, u32, [f32; 3]);
 pub type PhaseKey = (PhaseChoice, Scattering, usize);
 /// Volume, whether carved, sun, phase function: what the diffuse light depends on.
 pub type DiffuseKey = (u64, bool, [f32; 3], PhaseChoice);
+/// What diffuse light depends on, and octaves: what their balance depends on.
+pub type BalanceKey = (DiffuseKey, usize);
 /// Which slabs, and what diffuse light depends on: what the light of fitted slabs depends on.
 pub type SlabKey = (Scattering, DiffuseKey);
 
@@ -428,20 +430,21 @@ impl Look {
     }
     /// Key of the diffuse light in the volume with this fingerprint, where it is wanted.
     pub fn diffuse_key(&self, volume: u64) -> Option<DiffuseKey> {
-        (self.lighting.scattering == Scattering::Diffusion).then_some((
-            volume,
-            self.detail.is_some(),
-            self.table_beam,
-            self.lighting.phase,
-        ))
+        (self.lighting.scattering == Scattering::Diffusion).then_some(self.scattered_key(volume))
+    }
+    /// Key of the octaves' balance in the volume with this fingerprint, where it is wanted.
+    pub fn balance_key(&self, volume: u64) -> Option<BalanceKey> {
+        (self.lighting.scattering == Scattering::Octaves && self.octaves > 0)
+            .then_some((self.scattered_key(volume), self.octaves))
     }
     /// Key of the slabs fitted to the volume with this fingerprint, where they are wanted.
     pub fn slab_key(&self, volume: u64) -> Option<SlabKey> {
         let scattering = self.lighting.scattering;
-        matches!(scattering, Scattering::Slab | Scattering::SlabCollector).then_some((
-            scattering,
-            (volume, self.detail.is_some(), self.table_beam, self.lighting.phase),
-        ))
+        matches!(scattering, Scattering::Slab | Scattering::SlabCollector)
+            .then_some((scattering, self.scattered_key(volume)))
+    }
+    fn scattered_key(&self, volume: u64) -> DiffuseKey {
+        (volume, self.detail.is_some(), self.table_beam, self.lighting.phase)
     }
     /// Key of the optical depths of the volume with this fingerprint.
     pub fn sun_light_key(&self, volume: u64) -> SunLightKey {

@@ -31,8 +31,8 @@ use pictures::{
     octaves, reproject, stars, tone_map, upsample, view_steps,
 };
 use tables::{
-    detail_noise, diffusion, multiple_scattering_table, occupancy, shape, sky_light, sky_table, sky_visibility_of_both,
-    sun_map, sun_optical_depth, transmittance_table,
+    detail_noise, diffusion, multiple_scattering_table, occupancy, octave_balance, shape, sky_light, sky_table,
+    sky_visibility_of_both, sun_map, sun_optical_depth, transmittance_table,
 };
 
 /// What two devices made of the same input.
@@ -128,6 +128,7 @@ const CASES: &[Case] = &[
     ("sky_visibility", sky_visibility_of_both),
     ("sun_optical_depth", sun_optical_depth),
     ("sun_map", sun_map),
+    ("octave_balance", octave_balance),
     ("diffusion", diffusion),
     ("detail_noise", detail_noise),
     ("march:octaves", octaves),

@@ -1,13 +1,11 @@
 //! `welkin ladder`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
 use clap::{Args, ValueEnum};
 
-use super::{
-    Failure, MachineFlags, Outcome, columns, interrupt_flag, make_folder, print_line, progress_bar, write_file,
-};
+use super::{Failure, MachineFlags, Outcome, columns, interrupt_flag, make_folder, print_line, progress_bar};
 use crate::ladder::experiments::{self, Conditions};
 use crate::ladder::light::{self, LightContext, LightReport, LightScene};
 use crate::ladder::view::{self, ViewContext, ViewReport};
@@ -83,6 +81,10 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
                 quick: options.quick,
                 truths: options.truths.as_deref(),
                 progress: &progress,
+                measured: &|report| {
+                    let so_far = written(report, light_table(report), "light", Vec::new())?;
+                    options.out.as_deref().map_or(Ok(()), |folder| so_far.keep(folder))
+                },
             })
             .and_then(|report| {
                 let plots = vec![
@@ -119,9 +121,7 @@ pub(super) fn run(options: Options) -> Result<Outcome, Failure> {
         Err(error) => return Err(Failure(error.to_string())),
     };
     if let Some(folder) = &options.out {
-        for (name, bytes) in &results.files {
-            write_file(&folder.join(name), bytes)?;
-        }
+        results.keep(folder).map_err(|error| Failure(error.to_string()))?;
     }
     print_line(if options.json {
         &results.json
@@ -136,6 +136,16 @@ struct Results {
     json: String,
     text: String,
     files: Vec<(String, Vec<u8>)>,
+}
+
+impl Results {
+    fn keep(&self, folder: &Path) -> Result<(), LadderError> {
+        for (name, bytes) in &self.files {
+            let path = folder.join(name);
+            std::fs::write(&path, bytes).map_err(|error| LadderError::Kept(path.display().to_string(), error))?;
+        }
+        Ok(())
+    }
 }
 
 fn written(
@@ -264,6 +274,9 @@ fn light_table(report: &LightReport) -> String {
             std::iter::once(head.map(str::to_owned)).chain(lines).collect(),
             [false, false, true, true, true, true, true, true, true, false],
         );
+    }
+    if report.slabs.is_empty() {
+        return text;
     }
     text += "\nslabs: share of the flux that is reflected, and in brackets all that leaves (1 is right); discrete ordinates first\n";
     let rungs = report.slabs.first().map(|row| row.march.as_slice()).unwrap_or_default();

@@ -30,6 +30,7 @@ const SCRIPTS: &[(&str, &str)] = scripts![
     "layers.js",
     "local.js",
     "lookback.js",
+    "octave_balance.js",
     "overlay.js",
     "panel.js",
     "past.js",

@@ -205,8 +205,8 @@ rungs! {
         "light of the forward peak goes on, the rest is scattered once"
         keeps "energy, in that it loses what the rest scatters again";
     Octaves Scattering "octaves" Devices::Both, None,
-        "octaves of thinner cloud and rounder phase functions, as strong as a level slab gives back"
-        keeps "energy in level slabs, to some parts in a hundred; makes up to half as much again in clouds that end on all sides, too dim on their sides by a low sun";
+        "octaves of thinner cloud and rounder phase functions, as strong as clouds send out what they take from the beam"
+        keeps "energy, to some parts in a hundred, clouds within 2 km together; how it lies within the cloud is a level slab's, too bright on sides away from the sun, too dim on sides towards a low one";
     Diffusion Scattering "diffusion" Devices::Both, None,
         "the beam, what goes about its way, and what diffuses, together as strong as a level slab gives back"
         keeps "energy in level slabs, to some parts in a hundred, and between clouds, as far as their light is even there";

@@ -205,6 +205,25 @@ pub const VIEW_STAGES: &[ViewStage] = &[
         },
     },
     ViewStage {
+        name: "octave_balance",
+        needs: &[Effect::Moisture, Effect::MultipleScattering],
+        rungs: &[Rung::Octaves],
+        reads: &[
+            "cloud_cover_and_amplitude",
+            "sun_optical_depth",
+            "phase_of_single_scattering_and_octaves",
+            "level_shares",
+            "sun_direction",
+        ],
+        writes: &["octave_balance"],
+        what: "how strong octaves are over each column, so that clouds send out what they take from the beam",
+        tolerance: Tolerance {
+            within: Within::Relative(1e-2),
+            outside: 0.001,
+            why: "sums over columns of sums over directions of exponentials; a step on a cell's border of the occupancy may end a way on one side and not on the other",
+        },
+    },
+    ViewStage {
         name: "diffusion",
         needs: &[Effect::Moisture],
         rungs: &[Rung::Diffusion],
@@ -233,8 +252,8 @@ pub const VIEW_STAGES: &[ViewStage] = &[
     ViewStage {
         name: "march:octaves",
         needs: &[Effect::MultipleScattering],
-        rungs: &[],
-        reads: &["sun_optical_depth"],
+        rungs: &[Rung::Octaves],
+        reads: &["sun_optical_depth", "octave_balance"],
         writes: &["scattered_octaves"],
         what: "light scattered more than once inside cloud (within march)",
         tolerance: PICTURE,

@@ -17,6 +17,7 @@ pub mod view_diffusion;
 pub mod view_impostors;
 pub mod view_kernels;
 pub mod view_layers;
+pub mod view_octave_balance;
 pub mod view_reproject;
 pub mod view_stages;
 pub mod view_sun_map;
@@ -36,6 +37,7 @@ use crate::wgsl::Module;
 use view_diffusion::DiffusionGrid;
 use view_impostors::FarClouds;
 use view_layers::Layering;
+use view_octave_balance::OctaveBalancing;
 use view_reproject::Recall;
 use view_stages::{
     Air, MARCH_PHASE, ShapeGrid, SkyLightAsk, SkyLightValues, SkyView, SunMarch, ViewFrame, VisibilitySweep,
@@ -105,6 +107,7 @@ modules! {
     "shared/extinction" constants [view_twins::march::WGSL] structs [];
     "shared/light_words" constants [light::sun_optical_depth::WGSL] structs [];
     "shared/diffuse_light" constants [light::diffusion::WGSL] structs [ViewFrame::LAYOUT];
+    "shared/octaves" constants [light::march_phase::WGSL, light::octave_shares::WGSL] structs [MARCH_PHASE];
     "shared/sun_map" constants [] structs [ViewFrame::LAYOUT];
     "shared/sky_look" constants [light::sky_table::WGSL] structs [ViewFrame::LAYOUT];
     "shared/stars" constants [light::stars::WGSL] structs [];
@@ -116,6 +119,7 @@ modules! {
     "light/sky_visibility" constants [light::sky_visibility::WGSL, view_stages::WGSL] structs [VisibilitySweep::LAYOUT];
     "light/sun_optical_depth" constants [light::sun_optical_depth::WGSL] structs [SunMarch::LAYOUT];
     "light/diffusion" constants [light::diffusion::WGSL, light::between_clouds::WGSL, light::sun_optical_depth::WGSL] structs [DiffusionGrid::LAYOUT];
+    "light/octave_balance" constants [light::octave_balance::WGSL, light::sun_optical_depth::WGSL] structs [OctaveBalancing::LAYOUT];
     "light/sun_map" constants [light::sun_map::WGSL] structs [SunMapping::LAYOUT];
     "view/shape" constants [] structs [ShapeGrid::LAYOUT];
     "view/occupancy" constants [view_twins::occupancy::WGSL] structs [ShapeGrid::LAYOUT];
@@ -124,7 +128,7 @@ modules! {
     "view/ground" constants [view_twins::ground::WGSL, light::sky_visibility::WGSL] structs [SkyLightValues::LAYOUT, ViewFrame::LAYOUT];
     "view/tone_map" constants [view_twins::tone_map::WGSL] structs [];
     "view/light_shafts" constants [view_twins::light_shafts::WGSL, light::sun_optical_depth::WGSL] structs [ViewFrame::LAYOUT, SkyLightValues::LAYOUT];
-    "view/march" constants [view_twins::march::WGSL, view_twins::cloud_light::WGSL, light::sun_optical_depth::WGSL, light::march_phase::WGSL, light::octave_shares::WGSL] structs [ViewFrame::LAYOUT, SkyLightValues::LAYOUT, MARCH_PHASE];
+    "view/march" constants [view_twins::march::WGSL, view_twins::cloud_light::WGSL, light::sun_optical_depth::WGSL, light::march_phase::WGSL] structs [ViewFrame::LAYOUT, SkyLightValues::LAYOUT, MARCH_PHASE];
     "view/upsample" constants [view_twins::upsample::WGSL] structs [Sampling::LAYOUT];
     "view/reproject" constants [view_twins::reproject::WGSL, light::atmosphere::WGSL] structs [Recall::LAYOUT];
     "view/impostors" constants [view_twins::impostors::WGSL, view_twins::upsample::WGSL] structs [FarClouds::LAYOUT];

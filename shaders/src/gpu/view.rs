@@ -5,6 +5,7 @@
 
 use std::sync::Arc;
 
+use super::view_octave_balance::OctaveBalancing;
 use super::view_stages::{Air, ShapeGrid, SkyLightAsk, SkyLightValues, SkyView, SunMarch, ViewFrame, ViewStages};
 use super::view_sun_map::SunMapping;
 use super::view_upsample::Sampling;
@@ -21,8 +22,8 @@ use crate::cpu::light::sun_optical_depth::marched_direction;
 use crate::cpu::light::transmittance_table::TransmittanceTable;
 use crate::cpu::view::haze::Haze;
 use crate::view::{
-    DiffuseKey, Ground, LightKey, Look, PhaseKey, Scattering, SkyKey, Slab, SunLightKey, SunMapKey, SunOcclusion,
-    ViewSampling, ViewSettings, fingerprint,
+    BalanceKey, DiffuseKey, Ground, LightKey, Look, PhaseKey, Scattering, SkyKey, Slab, SunLightKey, SunMapKey,
+    SunOcclusion, ViewSampling, ViewSettings, fingerprint,
 };
 
 /// Pixels that one submission draws at most: a slow GPU's watchdog ends what runs for seconds.
@@ -43,6 +44,7 @@ struct CloudBuffers {
     shadow: Option<wgpu::Buffer>,
     conductance: Option<wgpu::Buffer>,
     numbers: Option<wgpu::Buffer>,
+    columns: Option<wgpu::Buffer>,
 }
 
 /// A cloud's shape on the GPU.
@@ -56,17 +58,19 @@ struct Cloud {
 }
 
 /// Optical depths on the GPU. Behind the shadow map and its share lies what else the march looks up of light, for it binds all eight storage buffers that WebGPU grants: the
-/// diffuse light's fluence, then a map of the sun's rays, where the scene wants them.
+/// diffuse light's fluence or the octaves' balance, then a map of the sun's rays, where the scene wants them.
 struct CloudLight {
     words: wgpu::Buffer,
     shadow: wgpu::Buffer,
     /// What the fluence was made for.
     diffuse: Option<DiffuseKey>,
+    /// What the octaves' balance was made for.
+    balance: Option<BalanceKey>,
     /// What the map was made for.
     map: Option<SunMapKey>,
 }
 
-/// What optical depths depend on, and the bytes of the fluence and of the map behind them.
+/// What optical depths depend on, and the bytes of the fluence or the balance and of the map behind them.
 type CloudLightKey = (SunLightKey, [u64; 2]);
 
 /// Tables of the clear air on the GPU.
@@ -194,6 +198,7 @@ impl GpuView {
         self.prepare_light(&look, after)?;
         self.prepare_sun_light(&look, key, after)?;
         self.prepare_diffusion(&look, key, after)?;
+        self.prepare_octave_balance(&look, key, after)?;
         self.prepare_sun_map(&look, key, after)?;
         Ok(look)
     }
@@ -402,7 +407,7 @@ impl GpuView {
             return Ok(());
         };
         let behind = [
-            look.diffuse_key(volume).map_or(0, |_| cloud.grid.fluence_bytes()),
+            scattered_bytes(look, &cloud.grid),
             mapping(look, &cloud.grid).map_or(0, |map| map.map_bytes()),
         ];
         let key = (look.sun_light_key(volume), behind);
@@ -426,6 +431,7 @@ impl GpuView {
                 grid.shadow_bytes() + behind[0] + behind[1],
             )?,
             diffuse: None,
+            balance: None,
             map: None,
         };
         let march = SunMarch::new(look);
@@ -473,6 +479,39 @@ impl GpuView {
         context.wait()?;
         light.diffuse = Some(key);
         after("diffusion");
+        Ok(())
+    }
+
+    fn prepare_octave_balance(
+        &mut self,
+        look: &Look,
+        volume: u64,
+        after: &mut dyn FnMut(&'static str),
+    ) -> Result<(), GpuError> {
+        let (Some(key), Some((_, _, phase)), Some((_, Some(cloud))), Some((_, light))) =
+            (look.balance_key(volume), &self.phase, &self.shape, &mut self.sun_light)
+        else {
+            return Ok(());
+        };
+        if light.balance == Some(key) {
+            return Ok(());
+        }
+        light.balance = None;
+        let grid = &cloud.grid;
+        let bytes = u64::from(grid.cells_x) * u64::from(grid.cells_y) * 12;
+        let columns = fit(&self.context, &mut self.buffers.columns, "sums over columns", bytes)?;
+        let told = OctaveBalancing::new(look.table_beam, look.detail.is_some(), self.asymmetry, look.octaves);
+        self.stages.octave_balance(
+            grid,
+            [&cloud.uniform, phase],
+            &told,
+            [&cloud.words, &cloud.occupancy, &light.words],
+            &columns,
+            &light.shadow,
+        )?;
+        self.context.wait()?;
+        light.balance = Some(key);
+        after("octave_balance");
         Ok(())
     }
 
@@ -653,11 +692,16 @@ pub(super) fn band_rows(columns: usize) -> usize {
     (BAND_PIXELS / columns).next_multiple_of(8).max(8)
 }
 
-/// The map of the sun's rays that a picture wants, if any: behind the shadow map, its share and the fluence.
+/// Bytes of the fluence, or of the octaves' balance, that lie behind the shadow map and its share.
+fn scattered_bytes(look: &Look, grid: &ShapeGrid) -> u64 {
+    let fluence = look.diffuse_key(0).map_or(0, |_| grid.fluence_bytes());
+    fluence + look.balance_key(0).map_or(0, |_| grid.balance_bytes())
+}
+
+/// The map of the sun's rays that a picture wants, if any: behind the shadow map, its share and what light the clouds scatter.
 fn mapping(look: &Look, grid: &ShapeGrid) -> Option<SunMapping> {
     let (_, detail, kind, side, sun) = look.sun_map_key(0)?;
-    let fluence = look.diffuse_key(0).map_or(0, |_| grid.fluence_bytes());
-    let map_at = (grid.shadow_bytes() + fluence) / 4;
+    let map_at = (grid.shadow_bytes() + scattered_bytes(look, grid)) / 4;
     Some(SunMapping::new(grid, sun, detail, kind, side, map_at))
 }
 

@@ -5,6 +5,7 @@ use std::sync::OnceLock;
 use super::view_diffusion::DiffusionGrid;
 use super::view_impostors::FarClouds;
 use super::view_layers::Layering;
+use super::view_octave_balance::OctaveBalancing;
 use super::view_reproject::Recall;
 use super::view_stages::{
     Air, MARCH_PHASE, ShapeGrid, SkyLightAsk, SkyLightValues, SkyView, SunMarch, ViewFrame, VisibilitySweep,
@@ -35,6 +36,7 @@ const SHAPE: &[Bind] = &[Uniform, Read, Write, Write];
 const OCCUPANCY: &[Bind] = &[Uniform, Read, Write, Write, Write];
 const SUN: &[Bind] = &[Uniform, Uniform, Read, Read, Read, Read, Write, Write];
 const DIFFUSION: &[Bind] = &[Uniform, Uniform, Read, Read, Read, Write, Write, Write];
+const BALANCE: &[Bind] = &[Uniform, Uniform, Uniform, Read, Read, Read, Write, Write];
 const MAP: &[Bind] = &[Uniform, Uniform, Read, Read, Read, Write];
 const NOISE: &[Bind] = &[Write, Write, Write];
 const MARCH: &[Bind] = &[
@@ -95,6 +97,11 @@ kernels! {
     LIGHT_KERNELS "Kernels of light that few scenes want, here or in a browser: compiled when they are first asked for."
     "sun_map_rays" "light/sun_map" "rays" MAP;
     "sun_map_mean" "light/sun_map" "mean_extinction" MAP;
+    "balance_sums" "light/octave_balance" "sums" BALANCE;
+    "balance_brought_along_x" "light/octave_balance" "brought_along_x" BALANCE;
+    "balance_left_over_brought" "light/octave_balance" "left_over_brought" BALANCE;
+    "balance_shares_along_x" "light/octave_balance" "shares_along_x" BALANCE;
+    "balance_factors" "light/octave_balance" "factors" BALANCE;
     "diffusion_sources" "light/diffusion" "sources" DIFFUSION;
     "diffusion_conduct" "light/diffusion" "conduct" DIFFUSION;
     "diffusion_join" "light/diffusion" "join" DIFFUSION;
@@ -158,6 +165,7 @@ pub const VIEW_STRUCTS: &[Layout] = &[
     FarClouds::LAYOUT,
     Layering::LAYOUT,
     DiffusionGrid::LAYOUT,
+    OctaveBalancing::LAYOUT,
     SunMapping::LAYOUT,
 ];
 

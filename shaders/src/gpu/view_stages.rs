@@ -434,6 +434,10 @@ impl ShapeGrid {
     pub fn fluence_bytes(&self) -> u64 {
         (self.cells_x as u64 + 2) * (self.cells_y as u64 + 2) * self.levels as u64 * 4
     }
+    /// Bytes of the octaves' balance: a number a column of cells, with one more on each side.
+    pub fn balance_bytes(&self) -> u64 {
+        (self.cells_x as u64 + 2) * (self.cells_y as u64 + 2) * 4
+    }
     /// Bytes of the occupancy.
     pub fn occupancy_bytes(&self) -> u64 {
         self.cells().div_ceil(4) * 4
@@ -469,6 +473,7 @@ pub struct ViewStages {
     pub(super) layers: LateKernel,
     pub(super) diffusion: DiffusionKernels,
     pub(super) sun_map: [LateKernel; 2],
+    pub(super) octave_balance: [LateKernel; 5],
     /// The grid of no cloud.
     pub no_cloud: wgpu::Buffer,
     /// A table of no stars.
@@ -513,6 +518,14 @@ impl ViewStages {
             layers: LateKernel::new("layers"),
             diffusion: DiffusionKernels::new(),
             sun_map: [LateKernel::new("sun_map_rays"), LateKernel::new("sun_map_mean")],
+            octave_balance: [
+                "balance_sums",
+                "balance_brought_along_x",
+                "balance_left_over_brought",
+                "balance_shares_along_x",
+                "balance_factors",
+            ]
+            .map(LateKernel::new),
             no_cloud: c.uniform("no cloud", bytemuck::bytes_of(&ShapeGrid::default()))?,
             no_stars: c.uniform("no stars", &[0; 4 * STAR_WORDS])?,
             context,

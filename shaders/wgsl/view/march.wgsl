@@ -4,6 +4,7 @@
 //! use shared/detail
 //! use shared/extinction
 //! use shared/diffuse_light
+//! use shared/octaves
 //! use shared/sun_map
 //! use shared/sky_look
 //! use shared/stars
@@ -79,40 +80,10 @@ fn phase_once(mu: f32) -> vec3<f32> {
     return mix(phase.quads[i].rgb, phase.quads[i + 1u].rgb, place - f32(n));
 }
 
-/// The same of an octave, 0 to `OCTAVES_MAX`, with its weight.
-fn phase_of_octave(octave: u32, mu: f32) -> f32 {
-    let place = sqrt(clamp(0.5 * (1.0 - mu), 0.0, 1.0)) * f32(PHASE_OCTAVE_NODES - 1u);
-    let n = min(u32(place), PHASE_OCTAVE_NODES - 2u);
-    let i = octave * PHASE_OCTAVE_NODES + n;
-    let first = 2u * PHASE_FIRST_HALF;
-    let j = i + 1u;
-    return mix(phase.quads[first + i / 4u][i % 4u], phase.quads[first + j / 4u][j % 4u], place - f32(n));
-}
-
 /// What light that is even on one side of the cloud brings a place, over its radiance, where the share `passage` of diffuse light passes the cloud and the share `other` comes from the other
 /// side: two streams without absorption.
 fn diffuse_share(passage: f32, other: f32) -> f32 {
     return passage * (1.0 / max(other, 1e-3) - 0.5);
-}
-
-/// Factor on light behind the first scattering at a place `depth` behind the cloud's surface towards the sun, where the share `sky` of diffuse light comes from above and the share `passed` passes the cloud; see the
-/// twin's `octave_shares`.
-fn level_share(depth: f32, sky: f32, passed: f32) -> f32 {
-    let last = f32(OCTAVE_SHARE_NODES - 1u);
-    let sun = frame.marched_beam.z;
-    let above = (1.0 / max(sky, 1e-3) - 1.0) / LEVEL_RESISTANCE;
-    let ratio = clamp((above + LEVEL_DEPTH * sun) / (depth + LEVEL_DEPTH), sun, 1.0);
-    let cosine = mix(sun, ratio, TURNED_SHARE * clamp((LEVEL_FROM - depth) / LEVEL_OVER, 0.0, 1.0));
-    let between = clamp(last * cosine, 0.0, last - 1e-3);
-    let passage = clamp(last * passed, 0.0, last - 1e-3);
-    let i = u32(between) * OCTAVE_SHARE_NODES + u32(passage);
-    let j = i + OCTAVE_SHARE_NODES;
-    let rest = fract(passage);
-    return mix(mix(share_at(i), share_at(i + 1u), rest), mix(share_at(j), share_at(j + 1u), rest), fract(between));
-}
-
-fn share_at(n: u32) -> f32 {
-    return phase.quads[PHASE_SHARES_FIRST + n / 4u][n % 4u];
 }
 
 /// The share of a step's length, even in extinction, of optical depth `depth` and passed by `kept` of the light, before which the share `part` lies of the light that reaches the camera from it.
@@ -140,6 +111,18 @@ fn secondary_march(p: vec3<f32>, t: f32) -> f32 {
         depth += extinction(p + sun * (unit * (n * n + n + 0.5)), t, false) * unit * (2.0 * n + 1.0);
     }
     return depth;
+}
+
+/// Factor on octaves over a place, of stage `octave_balance`; between columns' middles linear.
+fn balance_at(p: vec3<f32>) -> f32 {
+    let cells = vec2<f32>(f32(shape.cells_x), f32(shape.cells_y));
+    let g = fract(p.xy * vec2<f32>(shape.per_period_x, shape.per_period_y)) * cells + 0.5;
+    let whole = floor(g);
+    let f = g - whole;
+    let c = vec2<u32>(whole);
+    let i = shape.stride_x * shape.stride_y + 1u + c.y * (shape.cells_x + 2u) + c.x;
+    let j = i + shape.cells_x + 2u;
+    return mix(mix(shadow[i], shadow[i + 1u], f.x), mix(shadow[j], shadow[j + 1u], f.x), f.y);
 }
 
 /// What a ray meets from `from_m` to `limit_m`; a step that reaches beyond is cut there.
@@ -232,8 +215,7 @@ fn march_between(ray: Ray, from_m: f32, limit_m: f32) -> Met {
             }
             let sky_seen = (1.0 / 255.0) * trilinear(vec4<f32>((low >> vec4<u32>(16u)) & byte), vec4<f32>((high >> vec4<u32>(16u)) & byte), place.fraction);
             let ground_seen = (1.0 / 255.0) * trilinear(vec4<f32>(low >> vec4<u32>(24u)), vec4<f32>(high >> vec4<u32>(24u)), place.fraction);
-            // Share of diffuse light that passes the cloud: resistances in series.
-            let passage = sky_seen * ground_seen / max(sky_seen + ground_seen - sky_seen * ground_seen, 1e-6);
+            let passage = passage_of(sky_seen, ground_seen);
             // The last octave's transmittance; squaring gives the one before.
             var passed = exp2(depth * slowest);
             var scattered = 0.0;
@@ -245,7 +227,10 @@ fn march_between(ray: Ray, from_m: f32, limit_m: f32) -> Met {
                 scattered = max(scattered + phases[0] * passed, 0.0) + diffuse_towards(p, d) * (0.25 / PI);
             }
             if (frame.octaves > 0u) {
-                scattered *= level_share(depth, sky_seen, passage);
+                scattered *= level_share(sun.z, depth, sky_seen, passage);
+                if (frame.similarity == 0.0) {
+                    scattered *= balance_at(p);
+                }
             }
             let share = through * (1.0 - kept);
             let height = clamp((p.z - shape.bottom_m) / (shape.top_m - shape.bottom_m), 0.0, 1.0);

@@ -3,17 +3,21 @@
 use welkin_server::clouds::{cumulus_field, sun};
 use welkin_shaders::cpu::light::Atmosphere;
 use welkin_shaders::cpu::light::diffusion::Diffuse;
+use welkin_shaders::cpu::light::march_phase::MarchPhase;
 use welkin_shaders::cpu::light::multiple_scattering_table::MultipleScatteringTable;
+use welkin_shaders::cpu::light::octave_balance::OctaveBalance;
+use welkin_shaders::cpu::light::phase_table::PhaseChoice;
 use welkin_shaders::cpu::light::sky_light::SkyLight;
 use welkin_shaders::cpu::light::sky_table::{SkySource, SkyTable};
 use welkin_shaders::cpu::light::sky_visibility::sky_visibility;
 use welkin_shaders::cpu::light::sun_map::SunMap;
 use welkin_shaders::cpu::light::sun_optical_depth::SunLight;
 use welkin_shaders::cpu::light::transmittance_table::TransmittanceTable;
-use welkin_shaders::cpu::view::Ground;
 use welkin_shaders::cpu::view::detail_noise::DetailNoise;
 use welkin_shaders::cpu::view::occupancy::Occupancy;
 use welkin_shaders::cpu::view::shape::Shape;
+use welkin_shaders::cpu::view::{Ground, Scattering};
+use welkin_shaders::gpu::view_octave_balance::OctaveBalancing;
 use welkin_shaders::gpu::view_stages::{Air, ShapeGrid, SkyLightAsk, SkyView, SunMarch, ViewStages};
 use welkin_shaders::gpu::view_sun_map::SunMapping;
 use welkin_shaders::view::{FrameDetail, MapKind, Slab};
@@ -338,6 +342,63 @@ pub(super) fn diffusion(bench: &mut Bench) -> Vec<Pair> {
             let apart = cpu.iter().zip(&gpu).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             assert!(apart <= 1.0, "{what}: codes are {apart} apart");
             Pair { what, gpu, cpu }
+        })
+        .collect()
+}
+
+pub(super) fn octave_balance(bench: &mut Bench) -> Vec<Pair> {
+    let cases = [
+        (cumulus_field(31, 9), true, 35.0, 0.85, 6),
+        (bench.volume([33, 21, 13], 0.5), false, 60.0, 0.3, 2),
+        (bench.volume([24, 31, 14], 0.05), true, 8.0, 0.9, 8),
+        (bench.volume([2, 1, 3], 1.0), false, 30.0, 0.8, 4),
+    ];
+    cases
+        .into_iter()
+        .map(|(volume, carved, elevation, asymmetry, octaves)| {
+            let sun = sun(elevation, bench.between(0.0, 360.0));
+            let shape = Shape::new(&volume).unwrap();
+            let slab = Slab::new(&volume).unwrap();
+            let grid = ShapeGrid::new(&slab);
+            let seen = sky_visibility(&slab.extinction_per_m, [slab.cells[0], slab.cells[1]], slab.cell_size_m);
+            let light = SunLight::new(&shape, &seen, carved, false, sun);
+            let phase = MarchPhase::new(
+                PhaseChoice::HenyeyGreenstein { asymmetry },
+                Scattering::Octaves,
+                octaves,
+            );
+            let mut cpu = OctaveBalance::default();
+            cpu.make((&shape, &light), carved, sun, &phase, octaves);
+            let inputs = [
+                bench.input(&shape.words),
+                bench.input(&shape.occupancy().distances()[..]),
+                bench.input(&light.words),
+            ];
+            let numbers = bench.context.uniform("an input", phase.bytes()).unwrap();
+            let columns = bench.poisoned(u64::from(grid.cells_x * grid.cells_y) * 12);
+            let shadow = bench.poisoned(grid.shadow_bytes() + grid.balance_bytes());
+            bench
+                .stages
+                .octave_balance(
+                    &grid,
+                    [&bench.uniform(&grid), &numbers],
+                    &OctaveBalancing::new(sun, carved, phase.asymmetry, octaves),
+                    [&inputs[0], &inputs[1], &inputs[2]],
+                    &columns,
+                    &shadow,
+                )
+                .unwrap();
+            let before = grid.shadow_bytes() as usize / 4;
+            let all = bench.floats(&shadow, before + cpu.columns.len());
+            assert!(
+                all[..before].iter().all(|v| v.is_nan()),
+                "the shadow map is another stage's"
+            );
+            Pair {
+                what: format!("cells {:?}, carved {carved}, {octaves} octaves", slab.cells),
+                gpu: all[before..].to_vec(),
+                cpu: cpu.columns,
+            }
         })
         .collect()
 }

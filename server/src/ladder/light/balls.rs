@@ -111,8 +111,8 @@ mod tests {
     use super::*;
     use crate::ladder::light::rungs::SCATTERINGS;
 
-    /// What each rung sends out of balls, thin to thick. The sums themselves are good to 0.01 (the thinnest ball by single scattering, where 0.997 is exact). Octaves know nothing of a ball's sides and make light there:
-    /// the bound keeps that from growing.
+    /// What each rung sends out of balls, thin to thick. The sums themselves are good to 0.01 (the thinnest ball by single scattering, where 0.997 is exact). Octaves are balanced over columns from one place a cell,
+    /// and in the densest ball, where light ends within a cell, lose a seventh.
     #[test]
     fn balls_send_out_what_they_take() {
         let rows = all(&SCATTERINGS);
@@ -125,7 +125,8 @@ mod tests {
                     "diffusion" => 0.97..1.03,
                     // In the densest ball most light turns within a point's box.
                     "slab" | "slab_collector" => 0.95..1.03,
-                    _ => 0.95..1.6,
+                    _ if row.optical_depth > 50.0 => 0.83..1.03,
+                    _ => 0.97..1.03,
                 };
                 assert!(
                     allowed.contains(sent_out),

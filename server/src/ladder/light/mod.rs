@@ -49,6 +49,8 @@ pub struct LightContext<'a> {
     pub truths: Option<&'a Path>,
     /// Told what is running and how far it is, from 0 to 1; `false` ends it.
     pub progress: &'a dyn Fn(&str, f64) -> bool,
+    /// Told all that is known after each scene; an error ends it.
+    pub measured: &'a dyn Fn(&LightReport) -> Result<(), LadderError>,
 }
 
 /// One rung on one scene.
@@ -127,24 +129,31 @@ pub struct LightReport {
     pub balls: Vec<BallRow>,
 }
 
-/// Measures. Errors: `Interrupted`.
+/// Measures. Errors: `Interrupted`, those of files, and what `measured` says.
 pub fn light(context: &LightContext) -> Result<LightReport, LadderError> {
     let ([width, height], paths) = if context.quick { ([48, 27], 32) } else { ([128, 72], 96) };
-    let mut measured = Vec::new();
-    for picture in scenes::all(width, height) {
-        measured.push(measure(context, &picture, paths)?);
-    }
-    if !(context.progress)("slabs", 0.0) {
-        return Err(LadderError::Interrupted);
-    }
-    Ok(LightReport {
+    let mut report = LightReport {
         version: env!("CARGO_PKG_VERSION"),
         device: "cpu",
         quick: context.quick,
-        scenes: measured,
-        slabs: slabs::all(&SCATTERINGS),
-        balls: balls::all(&SCATTERINGS),
-    })
+        scenes: Vec::new(),
+        slabs: Vec::new(),
+        balls: Vec::new(),
+    };
+    let goes_on = |what: &str| {
+        (context.progress)(what, 0.0)
+            .then_some(())
+            .ok_or(LadderError::Interrupted)
+    };
+    for picture in scenes::all(width, height) {
+        report.scenes.push(measure(context, &picture, paths)?);
+        (context.measured)(&report)?;
+    }
+    goes_on("slabs")?;
+    report.slabs = slabs::all(&SCATTERINGS);
+    goes_on("balls")?;
+    report.balls = balls::all(&SCATTERINGS);
+    Ok(report)
 }
 
 /// Goes up when the tracer or the world that it draws changes, so that what was kept before is not taken for the truth.
@@ -291,7 +300,7 @@ fn changed_by(stage: &str) -> &'static [&'static str] {
         "march" => &["scattering", "sun_occlusion", "view_steps"],
         "sky_table" | "sky_light" => &["sky"],
         "sun_map" => &["sun_occlusion"],
-        "diffusion" | "slab_fit" | "slab_collector" => &["scattering", "phase"],
+        "diffusion" | "octave_balance" | "slab_fit" | "slab_collector" => &["scattering", "phase"],
         _ => &[],
     }
 }

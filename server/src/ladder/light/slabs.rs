@@ -5,6 +5,7 @@ use welkin_shaders::cpu::light::Atmosphere;
 use welkin_shaders::cpu::light::diffusion::Diffuse;
 use welkin_shaders::cpu::light::march_phase::MarchPhase;
 use welkin_shaders::cpu::light::multiple_scattering_table::MultipleScatteringTable;
+use welkin_shaders::cpu::light::octave_balance::OctaveBalance;
 use welkin_shaders::cpu::light::phase_table::PhaseChoice;
 use welkin_shaders::cpu::light::sky_light::SkyLight;
 use welkin_shaders::cpu::light::sky_table::{SkySource, SkyTable};
@@ -176,6 +177,7 @@ impl Night {
             phase: &way.phase,
             occlusion: Occlusion::Grid,
             diffuse: way.diffuse.as_ref(),
+            balance: way.balance.as_ref(),
             slab: way.slab.as_ref(),
             sun_disc: [0.0; 3],
         }
@@ -199,6 +201,7 @@ pub(super) struct Way {
     phase: MarchPhase,
     octaves: usize,
     diffuse: Option<Diffuse>,
+    balance: Option<OctaveBalance>,
     slab: Option<SlabFit>,
 }
 
@@ -215,6 +218,11 @@ impl Way {
         let phase = MarchPhase::new(one_lobe(asymmetry), way.0, octaves);
         let of_slabs = sources.clone();
         Way {
+            balance: (octaves > 0 && way.0 == Scattering::Octaves).then(|| {
+                let mut balance = OctaveBalance::default();
+                balance.make((shape, sun_light), false, sun, &phase, octaves);
+                balance
+            }),
             diffuse: (way.0 == Scattering::Diffusion).then(|| Diffuse::new(shape, sun_light, false, phase.asymmetry)),
             slab: match way.0 {
                 Scattering::Slab => of_slabs.map(|sources| SlabFit::new(shape, false, sun, sources)),

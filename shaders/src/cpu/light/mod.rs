@@ -15,6 +15,7 @@ pub mod march_phase;
 pub mod mie;
 pub mod moon;
 pub mod multiple_scattering_table;
+pub mod octave_balance;
 pub mod octave_shares;
 pub mod path_tracer;
 pub mod phase;

@@ -11,7 +11,7 @@
 //! goes a share of the way to the ratio of the optical depths upwards and towards the sun.
 //!
 //! Keeps: in a level slab all that came in, whatever its depth and the sun's height, between the nodes to some parts in a hundred. Other clouds get what a slab gets
-//! that lets as much diffuse light pass: near the edge of a cloud that ends sideways that is too much, on sides under a low sun too little. As Wrenninge et al. (2013) give them, weights alone, octaves bring thin cloud up to three and a half
+//! that lets as much diffuse light pass: near the edge of a cloud that ends sideways that is too much, on sides under a low sun too little; what clouds bring as a whole [`super::octave_balance`] puts right. As Wrenninge et al. (2013) give them, weights alone, octaves bring thin cloud up to three and a half
 //! times what came in (a depth of 1 under a sun of cosine 0.1) and thick cloud a third. Only [`OCTAVE_SHARE_MOST`] bounds the factor: few octaves of the forward peak cannot turn back all light.
 //!
 //! [`super::diffusion_shares`] goes through the same slabs and suns, and the march looks both kinds of factors up alike.
@@ -19,6 +19,7 @@
 use super::march_phase::{GAUSS, MOMENTS, legendre};
 use super::sky_visibility::{DIFFUSE_VISIBILITY, SLANT_PATH};
 use super::sun_optical_depth::SUN_MARCH_DEEP;
+use crate::cpu::view::lanes::{LANES, Lanes};
 
 crate::constants! {
     /// Nodes of each of the two variables.
@@ -134,6 +135,34 @@ pub(super) fn by_level_slabs<T>(turns: impl Fn(f64) -> T, factor: impl Fn(&T, f6
         }
     }
     shares
+}
+
+/// Share of diffuse light that passes the cloud from top to bottom where the shares `sky` and `ground` of it come from above and from below: resistances in series.
+#[inline(always)]
+pub(crate) fn passage(sky: Lanes, ground: Lanes) -> Lanes {
+    sky * ground / (sky + ground - sky * ground).max(Lanes::splat(1e-6))
+}
+
+/// Factor on light behind the first scattering at places `depth` behind the cloud's surface towards the sun, where the share `sky` of diffuse light comes from above and the share `passage` passes the cloud; see the module.
+#[inline(always)]
+pub(crate) fn level_share(shares: &[f32], sun: f32, depth: Lanes, sky: Lanes, passage: Lanes) -> Lanes {
+    let last = (OCTAVE_SHARE_NODES - 1) as f32;
+    let one = Lanes::splat(1.0);
+    let above = (one / sky.max(Lanes::splat(1e-3)) - 1.0) * (1.0 / LEVEL_RESISTANCE);
+    let cosine = ((above + LEVEL_DEPTH * sun) / (depth + LEVEL_DEPTH)).clamp(sun, 1.0);
+    let known = ((Lanes::splat(LEVEL_FROM) - depth) * (TURNED_SHARE / LEVEL_OVER)).clamp(0.0, TURNED_SHARE);
+    let cosine = (cosine - sun) * known + sun;
+    let (row, between) = (cosine * last).clamp(0.0, last - 1e-3).split();
+    let (node, rest) = (passage * last).clamp(0.0, last - 1e-3).split();
+    let mut at = node;
+    for l in 0..LANES {
+        at.0[l] += row.0[l] * OCTAVE_SHARE_NODES as u32;
+    }
+    let look = |offset: u32| at.plus(offset).gather_f32(shares);
+    let next = OCTAVE_SHARE_NODES as u32;
+    look(0)
+        .lerp(look(1), rest)
+        .lerp(look(next).lerp(look(next + 1), rest), between)
 }
 
 #[cfg(test)]

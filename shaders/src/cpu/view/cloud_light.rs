@@ -12,9 +12,7 @@ use multiversion::multiversion;
 use super::lanes::{Indices, LANES, Lanes};
 use super::march::{Frame, NEAR_DETAIL_M, OCTAVES_MAX, Occlusion, Rays, carved_extinction, extinction};
 use super::shape::{Shape, trilinear};
-use crate::cpu::light::octave_shares::{
-    LEVEL_DEPTH, LEVEL_FROM, LEVEL_OVER, LEVEL_RESISTANCE, OCTAVE_SHARE_NODES, TURNED_SHARE,
-};
+use crate::cpu::light::octave_shares::{level_share, passage};
 use crate::cpu::light::sun_optical_depth::{DEPTH_UNIT, SUN_MARCH_REACH_M, SunLight, marched_direction};
 
 crate::constants! {
@@ -251,6 +249,9 @@ fn add_light(
         if frame.octaves > 0 {
             scattered = scattered * level_share(shares, sun[2], depth, sky_seen, passage);
         }
+        if let Some(balance) = frame.balance {
+            scattered = scattered * balance.factor(shape, p[0], p[1]);
+        }
         if let Some(slab) = frame.slab {
             scattered = slab.towards(shape, &p, &d, depth, of_ray(&rays.turn));
         }
@@ -272,40 +273,11 @@ fn add_light(
     }
 }
 
-/// Share of diffuse light that passes the cloud from top to bottom where the shares `sky` and `ground` of it come from above and from below: resistances in series.
-#[inline(always)]
-fn passage(sky: Lanes, ground: Lanes) -> Lanes {
-    sky * ground / (sky + ground - sky * ground).max(Lanes::splat(1e-6))
-}
-
 /// What light that is even on one side of the cloud brings a place, over its radiance; `other` is the share that comes from the other side. Two streams without absorption: the share that passes
 /// goes down from place to place, all else turns back. Both sides together bring 1, so that light that is the same everywhere stays so.
 #[inline(always)]
 fn diffuse_share(passage: Lanes, other: Lanes) -> Lanes {
     passage * (Lanes::splat(1.0) / other.max(Lanes::splat(1e-3)) - 0.5)
-}
-
-/// Factor on light behind the first scattering at places `depth` behind the cloud's surface towards the sun, where the share `sky` of diffuse light comes from above and the share `passage` passes the cloud; see
-/// [`crate::cpu::light::octave_shares`].
-#[inline(always)]
-fn level_share(shares: &[f32], sun: f32, depth: Lanes, sky: Lanes, passage: Lanes) -> Lanes {
-    let last = (OCTAVE_SHARE_NODES - 1) as f32;
-    let one = Lanes::splat(1.0);
-    let above = (one / sky.max(Lanes::splat(1e-3)) - 1.0) * (1.0 / LEVEL_RESISTANCE);
-    let cosine = ((above + LEVEL_DEPTH * sun) / (depth + LEVEL_DEPTH)).clamp(sun, 1.0);
-    let known = ((Lanes::splat(LEVEL_FROM) - depth) * (TURNED_SHARE / LEVEL_OVER)).clamp(0.0, TURNED_SHARE);
-    let cosine = (cosine - sun) * known + sun;
-    let (row, between) = (cosine * last).clamp(0.0, last - 1e-3).split();
-    let (node, rest) = (passage * last).clamp(0.0, last - 1e-3).split();
-    let mut at = node;
-    for l in 0..LANES {
-        at.0[l] += row.0[l] * OCTAVE_SHARE_NODES as u32;
-    }
-    let look = |offset: u32| at.plus(offset).gather_f32(shares);
-    let next = OCTAVE_SHARE_NODES as u32;
-    look(0)
-        .lerp(look(1), rest)
-        .lerp(look(next).lerp(look(next + 1), rest), between)
 }
 
 /// Optical depth from `p` towards the sun by a march of `steps` steps, each longer than the one before by the same length; midpoint rule.

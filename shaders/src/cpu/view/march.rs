@@ -30,6 +30,7 @@ use crate::cpu::light::atmosphere::EARTH_RADIUS_M;
 use crate::cpu::light::diffusion::Diffuse;
 use crate::cpu::light::march_phase::MarchPhase;
 use crate::cpu::light::moon::MoonDisc;
+use crate::cpu::light::octave_balance::OctaveBalance;
 use crate::cpu::light::sky_light::SkyLight;
 use crate::cpu::light::sky_table::SkyTable;
 use crate::cpu::light::slab_fit::SlabFit;
@@ -154,6 +155,8 @@ pub struct Frame<'a> {
     pub occlusion: Occlusion<'a>,
     /// Diffuse light in the cloud, in place of octaves.
     pub diffuse: Option<&'a Diffuse>,
+    /// What keeps octaves to the light that there is.
+    pub balance: Option<&'a OctaveBalance>,
     /// Light of slabs fitted to the cloud, in place of octaves.
     pub slab: Option<&'a SlabFit>,
     /// Sun at the disc: transmittance towards it from the camera.

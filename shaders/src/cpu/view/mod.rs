@@ -27,6 +27,7 @@ use crate::cpu::light::diffusion::Diffuse;
 use crate::cpu::light::march_phase::MarchPhase;
 use crate::cpu::light::moon::MoonDisc;
 use crate::cpu::light::multiple_scattering_table::MultipleScatteringTable;
+use crate::cpu::light::octave_balance::OctaveBalance;
 use crate::cpu::light::path_tracer::volume::{self, Skies};
 use crate::cpu::light::path_tracer::{Film, Scatterer};
 use crate::cpu::light::phase_table::PhaseChoice;
@@ -40,10 +41,12 @@ use crate::cpu::light::stars::{StarField, StarTable};
 use crate::cpu::light::sun_map::SunMap;
 use crate::cpu::light::sun_optical_depth::SunLight;
 use crate::cpu::light::transmittance_table::TransmittanceTable;
+use crate::view::{
+    BalanceKey, DiffuseKey, LightKey, Look, PhaseKey, SkyKey, SlabKey, SunLightKey, SunMapKey, fingerprint,
+};
 pub use crate::view::{
     Detail, Ground, Lighting, MapKind, MoonPlace, Scattering, StarPlaces, SunOcclusion, ViewSampling, ViewSettings,
 };
-use crate::view::{DiffuseKey, LightKey, Look, PhaseKey, SkyKey, SlabKey, SunLightKey, SunMapKey, fingerprint};
 use detail_noise::DetailNoise;
 use haze::Haze;
 use lanes::Lanes;
@@ -69,6 +72,7 @@ pub struct Prepared {
     sun_light: Option<(SunLightKey, SunLight)>,
     sun_map: Option<(SunMapKey, SunMap)>,
     diffuse: Option<(DiffuseKey, Diffuse)>,
+    balance: Option<(BalanceKey, OctaveBalance)>,
     slab_sources: Option<(f32, Option<SlabSources>)>,
     slab: Option<(SlabKey, Option<SlabFit>)>,
     samples: Samples,
@@ -380,6 +384,21 @@ fn prepare(
             prepared.diffuse = Some((key, diffuse));
             after("diffusion");
         }
+        if let (Some(key), Some((_, sun_light)), Some((_, phase))) =
+            (look.balance_key(cloud_key), &prepared.sun_light, &prepared.phase)
+            && prepared.balance.as_ref().is_none_or(|(k, _)| *k != key)
+        {
+            let mut balance = prepared.balance.take().map(|(_, last)| last).unwrap_or_default();
+            balance.make(
+                (&cloud.shape, sun_light),
+                look.detail.is_some(),
+                look.table_beam,
+                phase,
+                look.octaves,
+            );
+            prepared.balance = Some((key, balance));
+            after("octave_balance");
+        }
         if let (Some(key), Some((_, phase))) = (look.slab_key(cloud_key), &prepared.phase)
             && prepared.slab.as_ref().is_none_or(|(k, _)| *k != key)
         {
@@ -454,6 +473,10 @@ impl Prepared {
             },
             diffuse: match (look.lighting.scattering, &self.diffuse) {
                 (Scattering::Diffusion, Some((_, diffuse))) => Some(diffuse),
+                _ => None,
+            },
+            balance: match (look.balance_key(0), &self.balance) {
+                (Some(_), Some((_, balance))) => Some(balance),
                 _ => None,
             },
             slab: match (look.lighting.scattering, &self.slab) {

@@ -505,6 +505,7 @@ mod tests {
                 phase: &self.phase,
                 occlusion: Occlusion::Grid,
                 diffuse: None,
+                balance: None,
                 slab: None,
                 sun_disc: [0.0; 3],
             }
