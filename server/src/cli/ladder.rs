@@ -141,8 +141,7 @@ struct Results {
 impl Results {
     fn keep(&self, folder: &Path) -> Result<(), LadderError> {
         for (name, bytes) in &self.files {
-            let path = folder.join(name);
-            std::fs::write(&path, bytes).map_err(|error| LadderError::Kept(path.display().to_string(), error))?;
+            ladder::keep(&folder.join(name), bytes)?;
         }
         Ok(())
     }

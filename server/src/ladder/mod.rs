@@ -9,6 +9,7 @@ pub mod experiments;
 pub mod light;
 pub mod view;
 
+use std::path::Path;
 use std::time::Instant;
 
 use serde::Serialize;
@@ -72,6 +73,14 @@ pub enum LadderError {
     /// A plot could not be drawn.
     #[error(transparent)]
     Plot(#[from] PlotError),
+}
+
+/// Writes a file whole or not at all.
+pub(crate) fn keep(path: &Path, bytes: &[u8]) -> Result<(), LadderError> {
+    let part = path.with_extension("part");
+    std::fs::write(&part, bytes)
+        .and_then(|()| std::fs::rename(&part, path))
+        .map_err(|error| LadderError::Kept(path.display().to_string(), error))
 }
 
 /// How the ladders are to be measured.

@@ -1,4 +1,4 @@
-//! use shared/shape
+//! use shared/light_words
 //! use shared/octaves
 // Stage `octave_balance`: octaves bring what clouds have left of the sun's beam. The twin is cpu/light/octave_balance.rs.
 //
@@ -57,17 +57,8 @@ fn left_and_brought(cell: vec3<u32>) -> vec2<f32> {
     if (here <= 0.0) {
         return vec2<f32>(0.0);
     }
-    let place = shape_place(p);
-    let row = shape.stride_x;
-    let i = place.index;
-    let j = i + row * shape.stride_y;
-    let low = vec4<u32>(light_words[i], light_words[i + 1u], light_words[i + row], light_words[i + row + 1u]);
-    let high = vec4<u32>(light_words[j], light_words[j + 1u], light_words[j + row], light_words[j + row + 1u]);
-    let deep = vec4<u32>(0xffffu);
-    let byte = vec4<u32>(0xffu);
-    let depth = DEPTH_UNIT * trilinear(vec4<f32>(low & deep), vec4<f32>(high & deep), place.fraction);
-    let sky = (1.0 / 255.0) * trilinear(vec4<f32>((low >> vec4<u32>(16u)) & byte), vec4<f32>((high >> vec4<u32>(16u)) & byte), place.fraction);
-    let ground = (1.0 / 255.0) * trilinear(vec4<f32>(low >> vec4<u32>(24u)), vec4<f32>(high >> vec4<u32>(24u)), place.fraction);
+    let around_p = light_around(p);
+    let depth = beam_depth(around_p);
 
     // Two unit vectors across the beam (Duff et al. 2017; the beam never comes from below).
     let sun = balance.beam.xyz;
@@ -94,8 +85,9 @@ fn left_and_brought(cell: vec3<u32>) -> vec2<f32> {
         once += out * ring.w;
         more += out * scattered * ring.z;
     }
+    let sky = sky_share(around_p);
     let left = here * exp2(depth * -LOG2_E) * max(1.0 - once, 0.0);
-    return vec2<f32>(left, here * more * level_share(sun.z, depth, sky, passage_of(sky, ground)));
+    return vec2<f32>(left, here * more * level_share(sun.z, depth, sky, passage_of(sky, ground_share(around_p))));
 }
 
 @compute @workgroup_size(8, 8)

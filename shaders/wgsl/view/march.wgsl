@@ -4,6 +4,7 @@
 //! use shared/detail
 //! use shared/extinction
 //! use shared/diffuse_light
+//! use shared/light_words
 //! use shared/octaves
 //! use shared/sun_map
 //! use shared/sky_look
@@ -198,23 +199,16 @@ fn march_between(ray: Ray, from_m: f32, limit_m: f32) -> Met {
                 depth = fade * (beyond_mean(p + sun * FINE_FIRST_M, lit) * FINE_FIRST_LENGTH_M
                     + beyond_mean(p + sun * FINE_SECOND_M, lit) * FINE_SECOND_LENGTH_M);
             }
-            let place = shape_place(p);
-            let row = shape.stride_x;
-            let i = place.index;
-            let j = i + row * shape.stride_y;
-            let low = vec4<u32>(light_words[i], light_words[i + 1u], light_words[i + row], light_words[i + row + 1u]);
-            let high = vec4<u32>(light_words[j], light_words[j + 1u], light_words[j + row], light_words[j + row + 1u]);
-            let deep = vec4<u32>(0xffffu);
-            let byte = vec4<u32>(0xffu);
+            let around_p = light_around(p);
             if (frame.map_side != 0u) {
                 depth = map_depth(p);
             } else if (frame.secondary_steps == 0u) {
-                depth = max(depth + DEPTH_UNIT * trilinear(vec4<f32>(low & deep), vec4<f32>(high & deep), place.fraction), 0.0);
+                depth = max(depth + beam_depth(around_p), 0.0);
             } else {
                 depth = secondary_march(p, lit);
             }
-            let sky_seen = (1.0 / 255.0) * trilinear(vec4<f32>((low >> vec4<u32>(16u)) & byte), vec4<f32>((high >> vec4<u32>(16u)) & byte), place.fraction);
-            let ground_seen = (1.0 / 255.0) * trilinear(vec4<f32>(low >> vec4<u32>(24u)), vec4<f32>(high >> vec4<u32>(24u)), place.fraction);
+            let sky_seen = sky_share(around_p);
+            let ground_seen = ground_share(around_p);
             let passage = passage_of(sky_seen, ground_seen);
             // The last octave's transmittance; squaring gives the one before.
             var passed = exp2(depth * slowest);

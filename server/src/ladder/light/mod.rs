@@ -27,7 +27,7 @@ use welkin_shaders::cpu::view::{Prepared, ViewSettings, developed, path_trace, r
 use welkin_shaders::gpu::view_stages::ShapeGrid;
 use welkin_shaders::view::{Slab, fingerprint};
 
-use super::{LadderError, on_front};
+use super::{LadderError, keep, on_front};
 use crate::picture;
 use crate::plot::{self, Chart, Mark, Panel, PlotError, Series};
 use rungs::{Contender, LADDERS, SCATTERINGS};
@@ -173,14 +173,6 @@ fn kept_film(path: &Path, pixels: usize) -> Option<(Film, f64)> {
     let bytes = std::fs::read(path).ok()?;
     let (film, seconds) = bytes.split_last_chunk::<8>()?;
     Some((Film::from_bytes(pixels, film)?, f64::from_le_bytes(*seconds)))
-}
-
-/// Writes a file whole or not at all.
-fn keep(path: &Path, bytes: &[u8]) -> Result<(), LadderError> {
-    let part = path.with_extension("part");
-    std::fs::write(&part, bytes)
-        .and_then(|()| std::fs::rename(&part, path))
-        .map_err(|error| LadderError::Kept(path.display().to_string(), error))
 }
 
 fn measure(context: &LightContext, picture: &Picture, paths: u32) -> Result<LightScene, LadderError> {
